@@ -30,6 +30,8 @@ from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
+_WRENCH = slice(VIEW_SIZE, _MOTION)
+"""Where residuals of the wrench are in an evaluated row, and where the motion begins."""
 ROWS_BEFORE = 100
 """The mean row of earlier chapters weighs at most as much as so many rows."""
 
@@ -121,7 +123,7 @@ class Innovations:
         """Evaluate an extended row (X,)."""
         evaluated = self._matrix @ row
         motion = self._body.residuals(row[None], evaluated[None, _MOTION:])[0] - self.mean_residuals
-        view, wrench = evaluated[:VIEW_SIZE], evaluated[VIEW_SIZE:_MOTION]
+        view, wrench = evaluated[:VIEW_SIZE], evaluated[_WRENCH]
         by_mass = view[:FORCING_SIZE] @ self._by_mass
         mass = float(by_mass @ wrench) / max(math.sqrt(by_mass @ by_mass), 1e-300)
         return EvaluatedRow(view, wrench, mass, motion)
@@ -134,13 +136,12 @@ class Innovations:
 
     def late_sensor(self, buffer: RowBuffer, period: float, false_alarm: float) -> UndeclaredError | None:
         """Run the test for delays with tolerance zero on the rows of the load, see ``late_sensors.late_sensor``."""
-        rows, numbers = buffer.window(buffer.start), buffer.numbers[buffer.start : buffer.count]
-        by_wrench = self._matrix[VIEW_SIZE:_MOTION]
+        rows, numbers, by_wrench = buffer.rows[buffer.of_load], buffer.numbers[buffer.of_load], self._matrix[_WRENCH]
         return late_sensor(self._body, rows, numbers, self.residuals, by_wrench, period, false_alarm)
 
     def gram(self, buffer: RowBuffer) -> Array:
         """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""
-        views = buffer.views[buffer.start : buffer.count]
+        views = buffer.views[buffer.of_load]
         result: Array = self._older + views.T @ views
         return result
 
@@ -154,5 +155,4 @@ class Innovations:
 
         See ``coheft.estimation.moments.change.look_for_change``.
         """
-        views = buffer.views[buffer.start : buffer.count]
-        return look_for_change(views, self._older, self._maps, self._knows_load, small)
+        return look_for_change(buffer.views[buffer.of_load], self._older, self._maps, self._knows_load, small)

@@ -127,7 +127,7 @@ class Suspicion:
         buffer = known.buffer
         begin = max(index - _BEFORE, (buffer.start + index) // 2)
         numbers = buffer.numbers[begin : buffer.count].tolist()
-        rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
+        rows = dict(zip(numbers, buffer.rows[begin : buffer.count].copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
         state = State.LOAD_OR_SLIP if is_load else State.CONTRADICTION
         return Suspicion(StateBeforeChange.of(known, begin, unnoticed, later), rows, first, noticed, changes, state)

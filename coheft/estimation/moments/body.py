@@ -299,22 +299,27 @@ class BodyModel:
             Shape (n, 12 N), the sensors of a robot side by side.
         """
         predicted = motion @ self.predict.reshape(-1, MOTION_SIZE).T
-        read = self._calibrated(extended_rows).reshape(predicted.shape)
+        read = self.calibrated(extended_rows.T).transpose(2, 0, 1).reshape(predicted.shape)
         result: Array = np.sqrt(self.weight).ravel() * (read - predicted)
         return result
 
-    def _calibrated(self, extended_rows: Array) -> Array:
-        """Readings of motion sensors, corrected by the sensor errors of the state: (n, X) to (n, N, 12)."""
+    def calibrated(self, of_rows: Array) -> Array:
+        """Correct readings of motion sensors by the sensor errors of the state.
+
+        Args:
+            of_rows: Extended rows as columns, or their moments with k numbers, shape (X, k).
+
+        Returns:
+            The same of all robots' ``(w, v, a, slope)``, shape (N, 12, k).
+        """
         calibration, count = self.state.calibration, self.count
-        by_robot = extended_rows[:, : self.one].reshape(-1, count, ROW_SIZE)
+        by_robot = of_rows[: self.one].reshape(count, ROW_SIZE, -1)
         if calibration is None:
-            return by_robot[:, :, :KINEMATICS_SIZE]
-        own = calibration[:, :KINEMATICS_SIZE]
-        result = (own[:, :, :ROW_SIZE] @ by_robot.transpose(1, 2, 0)).transpose(2, 0, 1)
-        result += own[:, :, ONE]
+            return by_robot[:, rows.KINEMATICS]
+        own = calibration[:, rows.KINEMATICS]
+        result: Array = own[:, :, :ROW_SIZE] @ by_robot + own[:, :, ONE, None] * of_rows[self.one]
         if self.unknowns.errors.more:
-            more = extended_rows[:, self.one + 1 :].reshape(len(extended_rows), count, -1)
-            result += (own[:, :, MORE:] @ more.transpose(1, 2, 0)).transpose(2, 0, 1)
+            result += own[:, :, MORE:] @ of_rows[self.one + 1 :].reshape(count, self.unknowns.errors.more, -1)
         return result
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, BodyModel
-from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, WRENCH
-from coheft.estimation.moments.sensor_errors import MORE, ONE, SensorErrors
+from coheft.estimation.moments.rows import ROW_SIZE, WRENCH
+from coheft.estimation.moments.sensor_errors import ONE, SensorErrors
 from coheft.estimation.moments.unknowns import Indices
 
 
@@ -141,7 +141,7 @@ class EvaluatedMoments:
 def evaluated_moments(body: BodyModel, of_all: Moments, of_load: Moments) -> EvaluatedMoments:
     """Compute moments at a state from those of all rows and of the rows with the present load."""
     crossed = of_all.with_motion(body)
-    motion = _motion_moments(body, crossed)
+    motion = MotionMoments(body.calibrated(crossed), body.motion_map @ crossed)
     if of_load is of_all:
         return EvaluatedMoments(motion, _wrench_moments(body, of_load, crossed, motion.of_motion))
     return EvaluatedMoments(motion, wrench_moments(body, of_load))
@@ -167,19 +167,6 @@ def view_moments(body: BodyModel, moments: Moments) -> Array:
     square = wrench @ moments.of_wrenches(indices) @ wrench.T
     result[size:, size:] = square + across + across.T + crossed[one, 0] * np.outer(constant, constant)
     return result
-
-
-def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
-    count, calibration, one = body.count, body.state.calibration, body.one
-    own = crossed[:one].reshape(count, ROW_SIZE, body.features)
-    with_motion = own[:, KINEMATICS]
-    if calibration is not None:
-        with_motion = calibration[:, KINEMATICS, :ROW_SIZE] @ own
-        with_motion = with_motion + calibration[:, KINEMATICS, ONE, None] * crossed[one]
-        if body.unknowns.errors.more:
-            more = crossed[one + 1 :].reshape(count, -1, body.features)
-            with_motion = with_motion + calibration[:, KINEMATICS, MORE:] @ more
-    return MotionMoments(with_motion, body.motion_map @ crossed)
 
 
 def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion: Array) -> WrenchMoments:

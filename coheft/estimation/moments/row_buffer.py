@@ -3,6 +3,8 @@
     moments of all = moments of former loads + moments of the present load
 
 Rows may come in any order; each goes where it belongs. One that comes after its chapter has ended counts for nothing.
+Rows have numbers, which count time and never change, and indices in the buffer, which change when the older half is
+dropped or a late row is inserted.
 """
 
 from __future__ import annotations
@@ -44,10 +46,10 @@ class RowBuffer:
         self.rows, self.views = np.zeros((2 * LEAST_KEPT, size)), np.zeros((2 * LEAST_KEPT, VIEW_SIZE))
         self.numbers = np.zeros(2 * LEAST_KEPT, dtype=np.int64)
         self.count = self.start = 0
-        self._former: Any = None  # Moments of former loads
-        self._load: Any = RowMoments(np.zeros((size, size)))
-        self._summed = 0  # rows before this index are in the moments
-        self._dropped = 0  # rows of the present load that are not kept any more
+        self._former: Any = None  # Moments of former loads in this chapter, None if there was none
+        self._load: Any = RowMoments(np.zeros((size, size)))  # Moments of the present load
+        self._summed = 0  # index of the first row that is not in these moments yet
+        self._dropped = 0  # how many rows of the present load are not kept any more; they stay in the moments
         self._since = -1  # number of the first row with the present load, or of the chapter
         self._projected_at: BodyModel | None = None  # None while moments are exact
         self._has_dropped = False  # whether any row of the chapter has been dropped
@@ -61,6 +63,11 @@ class RowBuffer:
     def keeps_whole_load(self) -> bool:
         """Whether all rows with the present load are kept."""
         return self._dropped == 0
+
+    @property
+    def of_load(self) -> slice:
+        """Slice of the rows with the present load that are kept."""
+        return slice(self.start, self.count)
 
     def summed_views(self) -> Array:
         """Views of the rows with the present load that are both kept and in the moments, shape (n, 19)."""
@@ -76,9 +83,7 @@ class RowBuffer:
         if is_full:
             self._sum_up()
             self._drop(LEAST_KEPT)
-        index = self.count
-        while index > 0 and self.numbers[index - 1] > number:
-            index -= 1
+        index = int(np.searchsorted(self.numbers[: self.count], number, side="right"))
         if index < self.count:
             for buffer in (self.rows, self.views, self.numbers):
                 buffer[index + 1 : self.count + 1] = buffer[index : self.count]
@@ -119,10 +124,6 @@ class RowBuffer:
         """Moments of all rows that are kept."""
         return RowMoments.of(self.rows[: self.count])
 
-    def window(self, index: int) -> Array:
-        """Rows from this index on, shape (n, X)."""
-        return self.rows[index : self.count]
-
     def project_at(self, body: BodyModel) -> None:
         """Project moments at this state from now on, if the team is large."""
         self._sum_up()
@@ -141,8 +142,7 @@ class RowBuffer:
     def take_back(self, number: int) -> int:
         """Remove the rows of the present load from this number on, as if they had never arrived; return how many."""
         self._sum_up()
-        first = int(np.searchsorted(self.numbers[: self.count], number, side="left"))
-        first = max(first, self.start)
+        first = self.index_of(number)
         taken = self.count - first
         if first < self._summed:
             self._load = self._load - self.moments_of(self.rows[first : self._summed])
