@@ -126,7 +126,7 @@ class ChangeDetector:
     def confirm(self, since: int) -> None:
         """From this row on, the load may be another one, until new rows confirm it; looks are of use again."""
         self._confirmation.begin(since)
-        self.schedule.resume()
+        self.schedule.pause(until=-1)
         self._is_likely = False
 
     def take_back(self) -> None:

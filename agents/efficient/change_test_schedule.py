@@ -41,12 +41,8 @@ class ChangeTestSchedule:
         return number < self._paused_until
 
     def pause(self, until: int) -> None:
-        """Looks before this row are of no use."""
+        """Looks before this row are of no use; -1: they are of use from now on."""
         self._paused_until = until
-
-    def resume(self) -> None:
-        """Looks are of use again."""
-        self._paused_until = -1
 
     def look_closely_after(self, first: int, news_at: int, number: int) -> None:
         """Look after every row for a while, if what another robot has noticed at row ``first`` is news.

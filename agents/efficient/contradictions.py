@@ -69,15 +69,15 @@ class Contradictions:
                 return Use.LEAVE_OUT, number
             self.robot = None
             return Use.RESUME, number
-        is_new = self.robot is None
+        (robot, rows), is_new = found, self.robot is None
         self._newest = number
         self._monitor.forget()
-        if is_new and is_calm and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
+        if is_new and is_calm and rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
             return Use.LEAVE_OUT, number
-        is_again = found.robot == self._last and number <= self._ended + self._calm
+        is_again = robot == self._last and number <= self._ended + self._calm
         if is_new and not is_again:
             self._began = number
-        self.robot, self._last, self._ended = found.robot, found.robot, number
+        self.robot, self._last, self._ended = robot, robot, number
         if number - self._began > self._lasting:
             return Use.START_OVER, number
-        return Use.BACK_TO_FIRST if is_new else Use.LEAVE_OUT, number - found.rows + 1
+        return Use.BACK_TO_FIRST if is_new else Use.LEAVE_OUT, number - rows + 1

@@ -15,7 +15,6 @@ from typing import NamedTuple
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import spread_mass
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.unknowns import THETA
 
 _ALIKE = 3.0
 """Two changes of the mass belong to one drift if neither is more than so many times the other."""
@@ -94,17 +93,12 @@ class LoadDrift(NamedTuple):
             now: The fit.
             error_by_drift: Its ``D``, shape (u, 10).
         """
-        theta, noise = now.body.unknowns.theta, _spread(now)
+        theta, noise = now.body.unknowns.theta, spread_mass(now)
         result: Array = (_KEPT * self.step / self.rows) ** 2 * error_by_drift @ noise @ error_by_drift.T
         result[theta, theta] += (_STEP * self.step) ** 2 * noise
         return result
 
     def cover(self, estimate: Estimate, error_by_drift: Array) -> Estimate:
         """Return an estimate whose covariance covers the drift; ``error_by_drift`` is its ``D``, shape (u, 10)."""
-        noise = error_by_drift @ _spread(estimate) @ error_by_drift.T
+        noise = error_by_drift @ spread_mass(estimate) @ error_by_drift.T
         return estimate.with_process_noise((_PUBLISHED * self.step / self.rows) ** 2 * noise)
-
-
-def _spread(estimate: Estimate) -> Array:
-    """Second moment (10, 10) of 1 kg anywhere in the load."""
-    return spread_mass(estimate.state.fitted_load[THETA], estimate.size)

@@ -10,8 +10,6 @@ that has let go, and one that lies all show here. Each robot decides alone: ther
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from coheft.agents.efficient.settings import Guards
@@ -21,19 +19,6 @@ from coheft.estimation.moments.rows import KINEMATICS_SIZE
 _WINDOWS = np.array([1, 2, 4, 8, 16])
 """Numbers of newest rows that are tested."""
 _LONGEST = int(_WINDOWS[-1])
-
-
-@dataclass(frozen=True)
-class Contradiction:
-    """A robot whose sensors contradict the team's motion.
-
-    Attributes:
-        robot: Index of the robot.
-        rows: Number of newest rows over which it shows.
-    """
-
-    robot: int
-    rows: int
 
 
 class Monitor:
@@ -57,8 +42,13 @@ class Monitor:
         self._rows = 0
         self._sums[:] = 0.0
 
-    def add(self, residuals: Array) -> Contradiction | None:
-        """Add residuals of a row in standard deviations (12 N,); return the worst contradiction, or None."""
+    def add(self, residuals: Array) -> tuple[int, int] | None:
+        """Add residuals of a row in standard deviations, shape (12 N,).
+
+        Returns:
+            Of the worst contradiction, the index of the robot and the number of newest rows over which it shows; None
+            if there is none.
+        """
         sums = self._sums
         sums[:-1] = sums[1:]
         sums[-1] += residuals
@@ -72,4 +62,4 @@ class Monitor:
         index = int(squares.argmax())
         window, robot = divmod(index, self._count)
         is_contradiction = squares.flat[index] > self._guards.largest_contradiction
-        return Contradiction(robot, int(windows[window])) if is_contradiction else None
+        return (robot, int(windows[window])) if is_contradiction else None

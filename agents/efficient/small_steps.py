@@ -46,7 +46,7 @@ class UnnoticedStep(NamedTuple):
     def covariance(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (10, 10) of the step of theta itself; arguments as for ``process_noise``."""
         deviation = _COVER * self.mass / max(_LEAST_LEFT, _wrong_share(estimate, error_by_step))
-        return deviation**2 * spread_mass(estimate.state.fitted_load[THETA], estimate.size)
+        return deviation**2 * spread_mass(estimate)
 
 
 NO_STEP = UnnoticedStep()

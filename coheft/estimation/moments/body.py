@@ -20,7 +20,7 @@ from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.corrections import Corrections
 from coheft.estimation.moments.flexing import FLEXING_SIZE
-from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, RowNoise
+from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices, State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import inertia_operator, pack_symmetric, unpack_symmetric
@@ -110,7 +110,8 @@ class BodyModel:
         has_rates: Whether rows are extended by their rates.
         features: Length of ``psi``: 19, or 38 with rates, and 6 N more with flexing.
         flexing: Indices of these, shape (N, 6), or (N, 0).
-        forcing: Indices of ``psi`` that accelerations and wrenches depend on: all but the velocity.
+        without_velocity: Indices of all entries of ``psi`` but velocities: neither accelerations nor wrenches, nor the
+            derivatives of these, depend on velocities.
         predict: Takes the motion to each robot's ``(w, v, a, slope)``, shape (N, 12, 19).
         predict_products: Takes the products of the motion to those of a robot's row, shape (N, 6, 6).
         shares: Weight of each robot in the mean of products, shape (N,).
@@ -123,8 +124,8 @@ class BodyModel:
         motion_noise: Covariance of the noise of ``psi`` in one row, shape (features, features).
         residual_noise: Cross covariance of residuals of motion sensors with ``psi``, shape (N, 12, features); None
             without rates and flexing, where it is zero.
-        wrench_variance: Noise variance of each wrench sensor in one row, 0 where there is no sensor, shape (N, 6).
-        rate_variance: Noise variance of the rates of each wrench in one row, shape (N, 6).
+        wrench_covariance: Noise covariance of each robot's calibrated wrench, and of its rates if there are any, in one
+            row, 0 where there is no sensor, shape (N, w, w) with w of 6 or 12.
         wrench_noise: Noise covariance of the total wrench, shape (6, 6).
     """
 
@@ -136,9 +137,9 @@ class BodyModel:
         moving, flexing = MOTION_SIZE * (1 + self.has_rates), FLEXING_SIZE * errors.is_flexing
         self.features = moving + flexing * self.count
         self.flexing: Indices = np.arange(moving, self.features).reshape(self.count, flexing)
-        of_motion = np.r_[0:4, 7:MOTION_SIZE]
+        of_motion, of_flexing = np.r_[0:4, 7:MOTION_SIZE], self.flexing[:, FLEXING_SIZE // 2 :].ravel()
         of_rates = MOTION_SIZE + of_motion[1:] if self.has_rates else []
-        self.forcing: Indices = np.r_[of_motion, of_rates, self.flexing[:, FLEXING_SIZE // 2 :].ravel()].astype(np.intp)
+        self.without_velocity: Indices = np.r_[of_motion, of_rates, of_flexing].astype(np.intp)
 
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.positions = np.array([pose.translation for pose in state.poses])
@@ -158,10 +159,9 @@ class BodyModel:
         wrench_map = np.zeros((6, self.one + 1))
         wrench_map[:, :-1].reshape(6, self.count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
         self.wrench_map = self._of_extended(wrench_map)
-        self.rate_variance = corrections.variance_of_rates(rows.WRENCH) / noise.slowness
         variance = corrections.variance(rows.WRENCH)
         is_there = np.isfinite(variance)
-        self.wrench_variance = np.where(is_there, variance, 0.0) / noise.slowness
+        self.wrench_covariance = self._wrench_covariance(corrections, np.where(is_there, variance, 0.0))
         in_total = np.where(is_there, variance, _NO_SENSOR**2)
         self.wrench_noise: Array = (self.adjoints * in_total[:, None] @ self.adjoints.swapaxes(1, 2)).sum(axis=0)
 
@@ -213,6 +213,18 @@ class BodyModel:
                 motion[entries, fusion.part] += fused.T
                 residual[:, fusion.sensors, entries] -= self.predict[:, fusion.sensors, fusion.part] @ fused
             residual[robot, :, entries] += own.T
+
+    def _wrench_covariance(self, corrections: Corrections, variance: Array) -> Array:
+        """Return ``wrench_covariance``; ``variance`` (N, 6) is that of wrenches, as effective as ``RowNoise``."""
+        own, rates, size = slice(0, WRENCH_SIZE), slice(WRENCH_SIZE, None), len(self.unknowns.errors.wrench)
+        result = np.zeros((self.count, size, size))
+        result[:, range(WRENCH_SIZE), range(WRENCH_SIZE)] = variance / self.noise.slowness
+        if self.has_rates:
+            of_rates = corrections.variance_of_rates(rows.WRENCH) / self.noise.slowness
+            result[:, range(WRENCH_SIZE, size), range(WRENCH_SIZE, size)] = of_rates
+            across = corrections.by_rates(rows.WRENCH) * of_rates[:, None]
+            result[:, own, rates], result[:, rates, own] = across, across.swapaxes(1, 2)
+        return result
 
     def _fusion_map(self) -> Array:
         """Return ``fusion_map``, less the gyros' offset ``b``: it gives ``w - b``, and the products of that."""

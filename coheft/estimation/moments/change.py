@@ -26,6 +26,7 @@ from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.linear_algebra import is_positive_definite
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, REGRESSOR, BodyModel, residual_covariance
 from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.likelihood import information_table
 from coheft.estimation.moments.row_buffer import VIEW_SIZE
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices
@@ -313,9 +314,10 @@ class _Scores(NamedTuple):
         return SmallStep(count - int(self.counts[largest]), float(errors[largest]))
 
 
-def spread_mass(theta: Array, size: float) -> Array:
-    """Second moment (10, 10) of the change of theta by 1 kg anywhere in a load of this ``theta`` (10,) and size [m]."""
-    points = point_mass(theta[1:4] / theta[0] + size * _SPHERE)
+def spread_mass(estimate: Estimate) -> Array:
+    """Second moment (10, 10) of the change of theta by 1 kg anywhere in the estimated load."""
+    theta = estimate.state.fitted_load[THETA]
+    points = point_mass(theta[1:4] / theta[0] + estimate.size * _SPHERE)
     result: Array = points.T @ points / len(points)
     return result
 

@@ -50,10 +50,6 @@ class Prior:
         """Return the evidence around another state nearby."""
         return self.evidence.shifted(body.state.since(self.state, body.unknowns))
 
-    def marginalized(self, indices: Indices, limits: Array) -> Prior:
-        """See ``Evidence.marginalized``."""
-        return replace(self, evidence=self.evidence.marginalized(indices, limits))
-
     def with_process_noise(self, indices: slice | Indices, covariance: Array) -> Prior:
         """See ``Evidence.with_process_noise``."""
         return replace(self, evidence=self.evidence.with_process_noise(indices, covariance))
@@ -61,7 +57,7 @@ class Prior:
     def without_load(self, unknowns: Unknowns, limits: Array) -> Prior:
         """Return the prior for another load; ``limits`` (10,) as in ``Evidence.solve``."""
         theta = np.arange(unknowns.size)[unknowns.theta]
-        return replace(self.marginalized(theta, limits), knows_load=False)
+        return replace(self, evidence=self.evidence.marginalized(theta, limits), knows_load=False)
 
     def for_team(self, members: Sequence[int | None], former: FitSettings, settings: FitSettings) -> Prior:
         """Convert to the prior of another team.

@@ -18,8 +18,6 @@ from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel, resid
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
-from coheft.estimation.moments.rows import WRENCH_SIZE
-from coheft.estimation.moments.sensor_errors import RATES
 from coheft.estimation.moments.unknowns import LOAD_SIZE, Indices
 
 
@@ -80,7 +78,7 @@ def _motion_information(
     found = (twist.weighted.swapaxes(1, 2)[:, None] @ derivatives.own[:, :, twist.sensors]).reshape(of_robots, 6, -1)
     used = np.arange(1, body.features)
     result[:of_robots, :of_robots] -= _summed_product(twist.covariance @ found, of_twist, found, used)
-    used, found = body.forcing, derivatives.found
+    used, found = body.without_velocity, derivatives.found
     result[:motion, :motion] -= _summed_product(fusion.covariance @ found, of_accelerations, found, used)
 
     # Predictions change by the products as well: own times common, and half of common times common.
@@ -125,7 +123,7 @@ def wrench_evidence(
     root: Array = np.asarray(np.linalg.cholesky(inverse_of(residual_covariance(body, load)))).T.astype(np.float64)
     derivatives = WrenchDerivatives.at(body, motion, load, root)
     clean = _without_noise(body, moments)
-    information = _common_information(derivatives, clean, body.forcing)
+    information = _common_information(derivatives, clean, body.without_velocity)
     information[:of_robots, :of_robots] += _local_information(derivatives.local, clean.of_wrenches)
     if noise is None:
         noise = _wrench_noise(body, derivatives, number)
@@ -136,9 +134,8 @@ def _without_noise(body: BodyModel, moments: WrenchMoments) -> WrenchMoments:
     """Return the moments less the contribution of the noise of wrenches and of ``psi``."""
     count, number, of_wrenches = body.count, moments.number, moments.of_wrenches.copy()
     size = len(of_wrenches) // count
-    of_wrenches.reshape(count, size, count, size)[range(count), :, range(count)] -= number * _wrench_covariance(
-        body, size
-    )
+    of_noise = number * body.wrench_covariance
+    of_wrenches.reshape(count, size, count, size)[range(count), :, range(count)] -= of_noise
     return WrenchMoments(of_wrenches, moments.with_motion, moments.of_motion - number * body.motion_noise)
 
 
@@ -181,26 +178,13 @@ def _common_information(derivatives: WrenchDerivatives, moments: WrenchMoments, 
     return result + result.T
 
 
-def _wrench_covariance(body: BodyModel, size: int) -> Array:
-    """Noise covariance of each robot's calibrated wrench and, if sensors may be late, its rates, shape (N, w, w)."""
-    result = np.zeros((body.count, size, size))
-    result[:, range(WRENCH_SIZE), range(WRENCH_SIZE)] = body.wrench_variance
-    if size > WRENCH_SIZE and body.state.calibration is not None:
-        late = body.state.calibration[:, rows.WRENCH, RATES:][..., rows.WRENCH]
-        result[:, range(WRENCH_SIZE, size), range(WRENCH_SIZE, size)] = body.rate_variance
-        across = late * body.rate_variance[:, None]
-        result[:, :WRENCH_SIZE, WRENCH_SIZE:], result[:, WRENCH_SIZE:, :WRENCH_SIZE] = across, across.swapaxes(1, 2)
-    return result
-
-
 def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float) -> Array:
     """Contribution of the noise of motion and wrenches to the information of ``number`` rows, shape (u, u)."""
     count, own = body.count, body.unknowns.own
-    local, common, used = derivatives.local, derivatives.common, body.forcing
-    of_robots, size, of_noise = count * own, local.shape[-1], number * body.motion_noise
-    covariance = number * _wrench_covariance(body, size)
+    local, common, used = derivatives.local, derivatives.common, body.without_velocity
+    of_robots, of_noise = count * own, number * body.motion_noise
     noise = _summed_product(common, of_noise, common, used)
-    weighted = (local @ covariance[:, None]).reshape(count, own, -1)
+    weighted = (local @ (number * body.wrench_covariance)[:, None]).reshape(count, own, -1)
     by_own = weighted @ local.reshape(count, own, -1).swapaxes(1, 2)
     noise[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += by_own
     symmetric: Array = 0.5 * (noise + noise.T)

@@ -185,7 +185,7 @@ def test_a_wrench_sensor_that_is_not_there_makes_its_wrench_unknown() -> None:
     wrench = np.repeat(NOISE.wrench, 3, axis=0)
     wrench[1, 3:] = np.inf
     body = body_at(team.state(), noise=RowNoise(NOISE.kinematics, wrench))
-    np.testing.assert_array_equal(body.wrench_variance[1, 3:], 0.0)
+    np.testing.assert_array_equal(body.wrench_covariance[1, 3:], 0.0)
     weight = np.linalg.inv(residual_covariance(body, team.load))
     known = np.linalg.inv(residual_covariance(body_at(team.state()), team.load))
     assert np.abs(weight[3:, 3:]).max() < 1e-9

@@ -193,6 +193,6 @@ def test_nothing_of_the_wrench_depends_on_the_velocity(errors: SensorErrors) -> 
     assert body.state.load is not None
     derivatives = MotionDerivatives.at(body)
     found = WrenchDerivatives.at(body, derivatives, body.state.load, np.eye(6))
-    others = np.setdiff1d(np.arange(body.features), body.forcing)
+    others = np.setdiff1d(np.arange(body.features), body.without_velocity)
     for each in (derivatives.common, derivatives.found, found.common, found.of_motion):
         assert not each[..., others].any()
