@@ -51,7 +51,9 @@ class Causes:
 
     @property
     def is_open(self) -> bool:
-        """Whether the load seems to have changed, or a grasp to have slipped, but it is not clear which of them."""
+        """Whether the load seems to have changed, or a grasp to have slipped, but it is not clear which of them; a
+        contradiction of motions, which the session reports by itself, does not count.
+        """
         suspicion = self._suspicion
         return suspicion is not None and (suspicion.is_load or suspicion.favours_change)
 
@@ -59,7 +61,7 @@ class Causes:
     def certain_changes(self) -> list[LoadChange]:
         """Load changes that are not slips instead."""
         suspicion = self._suspicion
-        is_certain = suspicion is None or suspicion.is_load_certain or not suspicion.is_open
+        is_certain = suspicion is None or suspicion.is_load_certain or not suspicion.has_grounds
         return self.changes if suspicion is None or is_certain else self.changes[: suspicion.changes]
 
     def load_drift(self, known: Knowledge, newest: int) -> LoadDrift | None:
@@ -102,7 +104,7 @@ class Causes:
 
     def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:
         """Compare causes from this row on: rows before were missing, or not used, so anything may have changed."""
-        if self._suspicion is None or not self._suspicion.is_open:
+        if self._suspicion is None or not self._suspicion.has_grounds:
             changes = Unnoticed(unnoticed, self.load_drift(known, since))
             self._suspicion = Suspicion.after_gap(known, since, len(self.changes), changes, self._rows.after_gap)
 

@@ -47,14 +47,15 @@ class Confirmation:
     """
 
     def __init__(self, rows: RowCounts) -> None:
-        self._rows, self._missing = rows, 0
+        self._rows = rows
+        self._left = 0  # so many more rows have to fit
         self._distrusted_at: int | None = None
         self.since = -1
 
     @property
     def is_open(self) -> bool:
-        """Whether rows are still missing."""
-        return self._missing > 0
+        """Whether more rows have to fit."""
+        return self._left > 0
 
     @property
     def distrusts_wrenches(self) -> bool:
@@ -64,15 +65,15 @@ class Confirmation:
     def begin(self, since: int) -> None:
         """Confirm the load from this row on, or from an earlier one that is not confirmed yet."""
         self.since = min(self.since, since) if self.is_open else since
-        self._missing = self._rows.confirming
+        self._left = self._rows.confirming
 
     def end(self) -> None:
         """Stop: there is nothing to confirm any more."""
-        self._missing, self._distrusted_at = 0, None
+        self._left, self._distrusted_at = 0, None
 
     def count(self) -> None:
         """Count the newest row, which fits the load."""
-        self._missing, self._distrusted_at = max(0, self._missing - 1), None
+        self._left, self._distrusted_at = max(0, self._left - 1), None
 
     def fits_badly(self, number: int) -> bool:
         """Note that wrenches fit the load badly at this row; return whether they have done so for too long."""

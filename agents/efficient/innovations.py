@@ -19,7 +19,7 @@ from coheft.estimation.moments.body import (
     load_operator,
     residual_covariance,
 )
-from coheft.estimation.moments.change import InformationMaps, Look, SmallSteps, look_for_change, one_kilogram
+from coheft.estimation.moments.change import InformationMaps, Look, StepThresholds, look_for_change, one_kilogram
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.late_sensors import late_sensor
@@ -150,7 +150,7 @@ class Innovations:
         of_motion = self.gram(buffer)[:FORCING_SIZE, :FORCING_SIZE]
         return float(np.sum(self._by_mass * (of_motion @ self._by_mass)) / max(of_motion[0, 0], 1.0))
 
-    def look_for_change(self, buffer: RowBuffer, small: SmallSteps | None = None) -> Look:
+    def look_for_change(self, buffer: RowBuffer, small: StepThresholds | None = None) -> Look:
         """Run the first test for a load change on all rows of the load.
 
         See ``coheft.estimation.moments.change.look_for_change``.

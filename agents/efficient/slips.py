@@ -155,8 +155,8 @@ class Suspicion:
         return self._state is State.LOAD_CHANGED
 
     @property
-    def is_open(self) -> bool:
-        """Whether it is doubtful what has changed."""
+    def has_grounds(self) -> bool:
+        """Whether anything speaks for a change: it was noticed, or rows are likelier with it."""
         return not self.is_expected or self.is_load or self.favours_change
 
     def notice_load(self) -> None:
@@ -205,7 +205,7 @@ class Suspicion:
         nor before the gap.
         """
         has_compared = sum(each < number for each in self._rows) >= _LEAST
-        return not self.is_expected or (number >= self._first and (self.is_open or not has_compared))
+        return not self.is_expected or (number >= self._first and (self.has_grounds or not has_compared))
 
     def add(self, number: int, row: Array) -> None:
         """Add a row; what was before a change of the load after a gap counts for nothing."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.change import SmallStep, SmallSteps, one_kilogram, spread_mass
+from coheft.estimation.moments.change import SmallStep, StepThresholds, one_kilogram, spread_mass
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.unknowns import THETA
 
@@ -76,10 +76,10 @@ class StepWatch:
         """Start again with other knowledge."""
         self.step = NO_STEP
 
-    def sought(self, estimate: Estimate) -> SmallSteps:
+    def sought(self, estimate: Estimate) -> StepThresholds:
         """Which steps a test for a change has to look for."""
         guards, mass = self._guards, float(estimate.state.fitted_load[THETA.start])
-        return SmallSteps(self._shortest, guards.least_small_step, guards.least_recent_step, mass)
+        return StepThresholds(self._shortest, guards.least_small_step, guards.least_recent_step, mass)
 
     def take(self, found: SmallStep | None, number: int) -> None:
         """Process what such a test has found, see ``Look.step``; the step is before the row of this number."""

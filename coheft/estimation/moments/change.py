@@ -90,14 +90,14 @@ class InformationMaps:
         return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
 
-class SmallSteps(NamedTuple):
-    """Which small steps of the mass to look for.
+class StepThresholds(NamedTuple):
+    """From which significance on small steps of the mass count, and the mass to which their errors refer.
 
     Attributes:
         shortest: Rows after which a step counts as long ago.
         long_ago: Least square of the significance of a step that long ago.
         recent: The same of a step since.
-        mass: The estimate of the mass, of all rows or only of older ones [kg].
+        mass: The estimate of the mass, from all rows or only from older ones [kg].
     """
 
     shortest: int
@@ -134,7 +134,7 @@ class Look(NamedTuple):
 
 
 def look_for_change(
-    views: Array, older: Array, maps: InformationMaps, is_known: bool = False, small: SmallSteps | None = None
+    views: Array, older: Array, maps: InformationMaps, is_known: bool = False, small: StepThresholds | None = None
 ) -> Look:
     """Run the first test, at fixed poses.
 
@@ -143,7 +143,7 @@ def look_for_change(
         older: Gram matrix (19, 19) of older rows of the load.
         maps: Maps from views to information.
         is_known: Whether there is a prior of the load, so that all of these rows may belong to another load.
-        small: Small steps of the mass to look for, None for none.
+        small: Which small steps of the mass to look for, None for none.
     """
     count = len(views)
     sizes = windows(count)
@@ -290,7 +290,7 @@ class _Scores(NamedTuple):
         best = int(statistics.argmax())
         return int(indices[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
 
-    def small_step(self, count: int, small: SmallSteps) -> SmallStep | None:
+    def small_step(self, count: int, small: StepThresholds) -> SmallStep | None:
         """Return ``Look.step``; ``count`` is the number of all rows that are kept.
 
         With ``x`` another kilogram at the centre of mass, the step at a row and its significance are

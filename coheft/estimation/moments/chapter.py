@@ -169,26 +169,25 @@ class Chapter:
             step: Index of the first row after an earlier change of theta and the covariance of that, shape (10, 10);
                 None if there was none.
         """
-        body, since_step = estimate.body, None
-        if step is not None:
-            since_step = self.buffer.moments_of(self.buffer.rows[step[0] : index])
-        of_load = self.buffer.begin_load(index)
+        unknowns, of_load = estimate.body.unknowns, self.buffer.begin_load(index)
         if keeps_poses:
-            before_step = of_load if since_step is None else of_load - since_step
-            self.prior = self._prior_with(estimate, self._wrench_evidence(estimate, before_step))
-            if step is not None and since_step is not None:
-                self.prior = self.prior.with_process_noise(body.unknowns.theta, step[1])
-                self.prior = self._prior_with(estimate, self._wrench_evidence(estimate, since_step))
+            newest = of_load
+            if step is not None:
+                first, covariance = step
+                newest = self.buffer.moments_of(self.buffer.rows[first:index])
+                before_step = self._prior_with_wrenches(estimate, of_load - newest)
+                self.prior = before_step.with_process_noise(unknowns.theta, covariance)
+            self.prior = self._prior_with_wrenches(estimate, newest)
         if self.prior is not None:
             if noise is None:
-                self.prior = self.prior.without_load(body.unknowns, estimate.guess.limits)
+                self.prior = self.prior.without_load(unknowns, estimate.guess.limits)
             else:
                 self.prior = self.prior.with_process_noise(slice(None), noise)
 
-    def _wrench_evidence(self, estimate: Estimate, moments: Moments) -> Evidence:
+    def _prior_with_wrenches(self, estimate: Estimate, moments: Moments) -> Prior:
         body = estimate.body
         found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), body.state.fitted_load)
-        return self._beyond_doubt(estimate, found)
+        return self._prior_with(estimate, self._beyond_doubt(estimate, found))
 
     def end(self, estimate: Estimate, index: int) -> Prior:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior; return it."""

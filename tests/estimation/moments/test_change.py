@@ -10,7 +10,7 @@ import pytest
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.change import FALSE_ALARM, InformationMaps, SmallSteps, look_for_change, surprise
+from coheft.estimation.moments.change import FALSE_ALARM, InformationMaps, StepThresholds, look_for_change, surprise
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -53,7 +53,7 @@ class Watched:
         if mass is None:
             matrices, vectors = self.maps.sums((views.T @ views)[None])
             mass = np.linalg.solve(matrices[0] + self.maps.known, vectors[0] + self.maps.known_vector)[THETA][0]
-        small = SmallSteps(shortest, chi_square_threshold(1, 0.012), chi_square_threshold(1, 1e-6), mass)
+        small = StepThresholds(shortest, chi_square_threshold(1, 0.012), chi_square_threshold(1, 1e-6), mass)
         found = look_for_change(self.views[:until], NOTHING_OLDER, self.maps, small=small).step
         return None if found is None else found.error
 
