@@ -21,11 +21,12 @@ from coheft.agents.efficient.change_test_schedule import ChangeTestSchedule
 from coheft.agents.efficient.innovations import EvaluatedRow
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.small_steps import StepWatch, UnnoticedStep
+from coheft.agents.efficient.small_steps import NO_STEP
 from coheft.agents.efficient.stages import Event
-from coheft.estimation.moments.change import SmallStep
+from coheft.estimation.moments.change import SmallStep, StepThresholds
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.unknowns import THETA
 
 _PAUSED = 4
 """The next comparison is due after at least one row for so many that were compared: each costs several fits."""
@@ -108,19 +109,20 @@ class ChangeDetector:
 
     Attributes:
         schedule: When a look is due.
+        step: The step of the mass that may not have been noticed yet.
     """
 
     def __init__(self, rows: RowCounts, guards: Guards, slot: int) -> None:
         self._rows, self._guards = rows, guards
         self.schedule = ChangeTestSchedule(rows, guards, slot)
-        self._steps = StepWatch(rows.shortest, guards)
+        self.step = NO_STEP
         self._confirmation = Confirmation(rows)
         self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since
 
     def begin(self) -> None:
         """Start again with other knowledge."""
         self.schedule.begin()
-        self._steps.begin()
+        self.step = NO_STEP
         self._is_likely = False
         self._confirmation = Confirmation(self._rows)
 
@@ -140,11 +142,6 @@ class ChangeDetector:
         self.schedule.found()
         self._confirmation.end()
         self._is_likely = False
-
-    @property
-    def step(self) -> UnnoticedStep:
-        """The step of the mass that may not have been noticed yet."""
-        return self._steps.step
 
     @property
     def is_confirmed(self) -> bool:
@@ -177,14 +174,16 @@ class ChangeDetector:
             known.fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
         now = known.estimate
         assert now is not None
-        since, statistic, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
+        guards, mass = self._guards, float(now.state.fitted_load[THETA.start])
+        small = StepThresholds(self._rows.shortest, guards.least_small_step, guards.least_recent_step, mass)
+        since, statistic, step = known.innovations.look_for_change(buffer, small)
         index, was_likely, self._is_likely = buffer.start + since, self._is_likely, False
         if not was_likely:
             if statistic <= 1.0:
                 confirmation.count()
-                self._take(step, buffer)
+                self._note_step(step, buffer)
                 return None
-            if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
+            if known.surprise(index, now) < guards.worth_a_fit:  # uncertain poses may explain it
                 if confirmation.is_open:
                     confirmation.count()
                     self._refine(known, number)
@@ -193,11 +192,14 @@ class ChangeDetector:
             return self._compare_unconfirmed(known, index, number)
         found = self._compare(known, index, number)
         if found is None:
-            self._take(step, buffer)
+            self._note_step(step, buffer)
         return found
 
-    def _take(self, step: SmallStep | None, buffer: RowBuffer) -> None:
-        self._steps.take(step, 0 if step is None else buffer.number_at(buffer.start + step.first))
+    def _note_step(self, found: SmallStep | None, buffer: RowBuffer) -> None:
+        """Process the small step that a look has found, see ``Look.step``."""
+        if found is not None:
+            first = buffer.number_at(buffer.start + found.first)
+            self.step = self.step.after_test(found, first, self._guards.small_step_fades)
 
     def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
         """Compare the rows from this index on with a fit to the rows before only."""

@@ -12,11 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.change import SmallStep, StepThresholds, one_kilogram, spread_mass
+from coheft.estimation.moments.change import SmallStep, one_kilogram, spread_mass
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.unknowns import THETA
 
 _COVER = 0.5
 """Standard deviation that is added, as a share of the possible step; five of them exceed the step."""
@@ -34,6 +32,17 @@ class UnnoticedStep(NamedTuple):
 
     mass: float = 0.0
     first: int = 0
+
+    def after_test(self, found: SmallStep, first: int, share: float) -> UnnoticedStep:
+        """Return the step to cover after one more test for small steps.
+
+        Args:
+            found: What the test has found, see ``Look.step``.
+            first: Number of the first row after that step.
+            share: What is left of the present step if the test has not found a larger one.
+        """
+        faded = share * self.mass
+        return UnnoticedStep(found.error, first) if found.error > faded else self._replace(mass=faded)
 
     def process_noise(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (u, u) of the error that the step makes; ``error_by_step`` is ``D``, shape (u, 10)."""
@@ -56,34 +65,3 @@ def _wrong_share(estimate: Estimate, error_by_step: Array) -> float:
     """By which share of a step at the centre of mass the estimate of the mass is wrong."""
     error = error_by_step[estimate.body.unknowns.theta.start] @ one_kilogram(estimate.state.fitted_load)
     return -float(error)
-
-
-class StepWatch:
-    """Remembers the largest step that tests for a change have found.
-
-    Args:
-        shortest: Rows after which a step counts as long ago.
-        guards: Thresholds.
-
-    Attributes:
-        step: The step.
-    """
-
-    def __init__(self, shortest: int, guards: Guards) -> None:
-        self._shortest, self._guards, self.step = shortest, guards, NO_STEP
-
-    def begin(self) -> None:
-        """Start again with other knowledge."""
-        self.step = NO_STEP
-
-    def sought(self, estimate: Estimate) -> StepThresholds:
-        """Which steps a test for a change has to look for."""
-        guards, mass = self._guards, float(estimate.state.fitted_load[THETA.start])
-        return StepThresholds(self._shortest, guards.least_small_step, guards.least_recent_step, mass)
-
-    def take(self, found: SmallStep | None, number: int) -> None:
-        """Process what such a test has found, see ``Look.step``; the step is before the row of this number."""
-        if found is None:
-            return
-        faded = self._guards.small_step_fades * self.step.mass
-        self.step = UnnoticedStep(found.error, number) if found.error > faded else self.step._replace(mass=faded)

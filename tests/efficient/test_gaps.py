@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.change_detector import ChangeDetector
 from coheft.agents.efficient.gaps import Gap
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import StepWatch
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.rows import ROW_SIZE, V
 from coheft.estimation.moments.unknowns import THETA
@@ -114,7 +114,7 @@ def test_a_change_that_is_too_small_to_be_noticed_is_covered_beside_a_slip_in_th
 
 @pytest.mark.parametrize("memory", [None, 8.0])
 def test_what_a_gap_hides_fades_as_rows_come(memory: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(StepWatch, "take", lambda *_: None)  # chance makes some steps
+    monkeypatch.setattr(ChangeDetector, "_note_step", lambda *_: None)  # chance makes some steps
     deviations = []
     for gap in (0, GAP):
         found = Session(len(POSES), 0, replace(session().settings, memory=memory), Guards())

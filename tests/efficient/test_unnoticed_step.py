@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient.knowledge import Knowledge
-from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import StepWatch, UnnoticedStep
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.rigid_body.mass_properties import point_mass
@@ -22,15 +21,12 @@ def known() -> Knowledge:
 
 
 def test_a_step_is_halved_by_each_look_that_finds_none_and_replaced_by_a_larger_one() -> None:
-    found = StepWatch(15, Guards())
-    found.take(SmallStep(0, 0.1), 60)
-    found.take(SmallStep(0, 0.0), 0)
-    assert found.step == UnnoticedStep(0.05, 60)
-    found.take(None, 0)
-    found.take(SmallStep(0, 0.02), 70)
-    assert found.step == UnnoticedStep(0.025, 60)
-    found.take(SmallStep(0, 0.02), 80)
-    assert found.step == UnnoticedStep(0.02, 80)
+    first = UnnoticedStep().after_test(SmallStep(0, 0.1), 60, 0.5)
+    faded = first.after_test(SmallStep(0, 0.0), 0, 0.5)
+    assert faded == UnnoticedStep(0.05, 60)
+    still = faded.after_test(SmallStep(0, 0.02), 70, 0.5)
+    assert still == UnnoticedStep(0.025, 60)
+    assert still.after_test(SmallStep(0, 0.02), 80, 0.5) == UnnoticedStep(0.02, 80)
 
 
 @pytest.mark.parametrize(("first", "are_wrong"), [(60, True), (0, False), (ROWS, False)])
