@@ -154,8 +154,10 @@ class Knowledge:
             self._next_fit -= taken
 
     def fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
-        """Fit all unknowns to all rows, or to those before an index, and to the prior from earlier chapters; see
-        ``Chapter.evaluation``. The estimate has a load.
+        """Fit all unknowns to all rows, or to those before an index, and to the prior from earlier chapters.
+
+        It becomes the estimate, at which rows are evaluated from now on, even if it leaves out some of them. Hidden
+        poses are found anew, and so is a load that is unknown. For the arguments, see ``Chapter.evaluation``.
         """
         chapter, settings, last = self._chapter, self._settings, self.estimate
         if self._first is None:
@@ -290,7 +292,13 @@ class Knowledge:
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
-        """The fit that an estimate is from, with the rows before ``end``: the last one, or else one to all of these."""
+        """Return a fit and the rows around it, to work out what a change of the load makes wrong in the fit.
+
+        Args:
+            estimate: The fit.
+            end: Index after the last row in question; None: up to now.
+            is_last: Whether the fit is that of the last call of ``fit``; otherwise it is to all rows before ``end``.
+        """
         buffer = self.buffer
         fitted, last = buffer.index_of(self._unfitted), buffer.count if end is None else end
         fitted = min(fitted, last) if is_last else last

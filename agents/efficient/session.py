@@ -100,6 +100,7 @@ class Session:
                 self._start_over()
 
     def _take(self, number: int, row: Array) -> None:
+        """Enter the row unless it contradicts the team's motion; look for another load, and fit, if that is due."""
         if number < self._oldest:
             return
         known, buffer = self._known, self._known.buffer
@@ -134,7 +135,10 @@ class Session:
                 known.fade()
 
     def _expect_changes(self, since: int) -> None:
-        """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
+        """Rows before this one were missing, or not used: load and grasps may have changed meanwhile.
+
+        Two things begin: new rows have to confirm the load, and the causes of a change are compared.
+        """
         self._detector.confirm(since)
         if self.stage is Stage.ESTIMATING and self._known.may_show_slips:
             self.causes.expect(self._known, since, self._detector.step)
@@ -209,7 +213,7 @@ class Session:
     # --- changes of the load ---
 
     def _look_for_change(self, number: int) -> bool:
-        """Look for another load; return whether there is one, if only after one more step of a drift."""
+        """Look for another load, and deal with it; return whether there is one, or one more step of a drift."""
         found = None if self.stage is Stage.GATHERING else self._detector.look(self._known, number)
         match found:
             case None:
@@ -275,7 +279,7 @@ class Session:
         self._detector.settle()
 
     def _suspect(self, index: int, is_load: bool) -> None:
-        """See ``Causes.suspect``."""
+        """From the row at this index on, the load differs or motions contradict each other: compare the causes."""
         is_known = self.stage is Stage.ESTIMATING and not self._known.misses_poses
         if is_known and self._known.may_show_slips:
             self.causes.suspect(self._known, index, self._newest, is_load, self._detector.step)

@@ -63,7 +63,11 @@ def motion_evidence(
 def _motion_information(
     body: BodyModel, derivatives: MotionDerivatives, of_twist: Array, of_accelerations: Array
 ) -> Array:
-    """Information (u, u) of motion sensors from moments of ``psi`` (features, features), for both fusions."""
+    """Information (u, u) of motion sensors from moments of ``psi`` (features, features), for both fusions.
+
+    A fusion's part is ``sum_i tr(D_i^T W_i D_i G)`` with the derivatives ``D_i`` of predictions of robot i, less what a
+    change of the motion explains of it: ``tr(F^T C F G)`` with ``F = sum_i B_i^T W_i D_i``, named ``found``.
+    """
     unknowns, count, own = body.unknowns, body.count, body.unknowns.own
     of_robots, motion = count * own, unknowns.motion_size
     result, alone = np.zeros((unknowns.size, unknowns.size)), np.zeros((count, own, own))
