@@ -19,7 +19,7 @@ from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments
-from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.fit_settings import FitSettings, Guess, expected_errors
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import EvaluatedMoments, Moments, evaluated_moments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
@@ -77,31 +77,25 @@ class Prior:
         joined = [now for now, then in enumerate(members) if then is None]
         evidence = self.evidence
         if left:
-            is_declared = old.deviations[left] > 0.0
-            declared = old.eta[left][is_declared]
-            if len(declared) and not self.has_expectations:
-                expected = Evidence.prior(old.deviations[left][is_declared], -state.eta[left][is_declared])
-                evidence += expected.embedded(old.size, declared)
+            if not self.has_expectations:
+                evidence += expected_errors(old, state.eta, left)
+            declared = old.eta[left][old.deviations[left] > 0.0]
             indices = np.sort(np.concatenate([old.poses[left].ravel(), declared]))
             evidence = evidence.marginalized(indices, former.limits(count, self.guess)[indices])
         kept = np.concatenate([*(old.of_robot(then) for _, then in stayed), old.common])
         indices = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])
         evidence = evidence.restricted(kept).embedded(new.size, indices)
+        fresh = State.first([Pose.identity()] * len(members), settings.errors)
         if self.has_expectations:
-            is_declared = new.deviations[joined] > 0.0
-            expected = Evidence.prior(new.deviations[joined][is_declared])
-            evidence += expected.embedded(new.size, new.eta[joined][is_declared])
+            evidence += expected_errors(new, fresh.eta, joined)
         others = len(left) + len(joined)
         if settings.has_offset and others:
-            of_left, of_joined = (
-                former.offset_variances(left, self.guess),
-                settings.offset_variances(joined, self.guess),
-            )
+            of_left = former.offset_variances(left, self.guess)
+            of_joined = settings.offset_variances(joined, self.guess)
             evidence = evidence.with_process_noise(new.offset, np.diag(of_left + of_joined))
         if settings.has_gyro_offset and others:
             change = max(np.max(former.gyro_offset), np.max(settings.gyro_offset)) * others / len(members)
             evidence = evidence.with_process_noise(new.gyros, change**2 * np.eye(3))
-        fresh = State.first([Pose.identity()] * len(members), settings.errors)
         poses, eta, calibration = list(fresh.poses), fresh.eta, fresh.calibration
         for now, then in stayed:
             poses[now], eta[now] = state.poses[then], state.eta[then]

@@ -144,11 +144,7 @@ class FitSettings:
         total = total.embedded(unknowns.size, unknowns.offset)
         gyros = np.full(3, self.fused_gyro_offset(body))
         total += Evidence.prior(gyros, -state.gyros).embedded(unknowns.size, unknowns.gyros)
-        is_declared = unknowns.deviations > 0.0
-        if is_declared.any():
-            expected = Evidence.prior(unknowns.deviations[is_declared], -state.eta[is_declared])
-            total += expected.embedded(unknowns.size, unknowns.eta[is_declared])
-        return total
+        return total + expected_errors(unknowns, state.eta) if unknowns.deviations.any() else total
 
     def fused_gyro_offset(self, body: BodyModel) -> float:
         """Prior deviation of the offset of the fused angular velocity, robots weighed by their shares [rad/s]."""
@@ -212,6 +208,14 @@ class FitSettings:
             own = slice(first, first + len(indices))
             result[own, own], first = minutes * covariance + _EXACT**2 * np.eye(len(indices)), own.stop
         return np.concatenate([indices for indices, _ in parts]), result
+
+
+def expected_errors(unknowns: Unknowns, eta: Array, robots: slice | Sequence[int] = slice(None)) -> Evidence:
+    """Return the prior of the sensor errors of some robots as evidence, around these errors of all, shape (N, q)."""
+    deviations = unknowns.deviations[robots]
+    is_declared = deviations > 0.0
+    expected = Evidence.prior(deviations[is_declared], -eta[robots][is_declared])
+    return expected.embedded(unknowns.size, unknowns.eta[robots][is_declared])
 
 
 def _of_total(body: BodyModel, force: float | Array, torque: float | Array) -> Array:
