@@ -94,10 +94,10 @@ class OneLoad:
         return result
 
     def _evidence(self, moments: Moments) -> Evidence:
-        body, load = self._estimate.body, self._estimate.state.fitted_load
+        body = self._estimate.body
         of_wrenches = wrench_moments(body, moments)
         noise = None if self._noise is None else of_wrenches.number * self._noise
-        result = wrench_evidence(body, self._derivatives, of_wrenches, load, noise)
+        result = wrench_evidence(body, self._derivatives, of_wrenches, noise)
         if self._noise is None and of_wrenches.number > 0.0:
             self._noise = result.noise / of_wrenches.number
         return result

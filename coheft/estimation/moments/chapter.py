@@ -180,7 +180,7 @@ class Chapter:
 
     def _prior_with_wrenches(self, estimate: Estimate, moments: Moments) -> Prior:
         body = estimate.body
-        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), body.state.fitted_load)
+        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments))
         return self._prior_with(estimate, self._beyond_doubt(estimate, found))
 
     def end(self, estimate: Estimate, index: int) -> Prior:
@@ -226,7 +226,7 @@ class EvidenceAt:
     """
 
     def __init__(self, body: BodyModel) -> None:
-        self._body, self._derivatives, self._load = body, MotionDerivatives.at(body), body.state.fitted_load
+        self._body, self._derivatives = body, MotionDerivatives.at(body)
         self._noise: tuple[Array, Array] | None = None  # per row, of motion and of wrenches, (u, u) each
 
     def of(self, moments: EvaluatedMoments) -> Evidence:
@@ -234,7 +234,7 @@ class EvidenceAt:
         numbers = moments.motion.number, moments.wrench.number
         noise = (None, None) if self._noise is None else (numbers[0] * self._noise[0], numbers[1] * self._noise[1])
         by_motion = motion_evidence(self._body, self._derivatives, moments.motion, noise[0])
-        by_wrench = wrench_evidence(self._body, self._derivatives, moments.wrench, self._load, noise[1])
+        by_wrench = wrench_evidence(self._body, self._derivatives, moments.wrench, noise[1])
         if min(numbers) > 0.0:
             self._noise = by_motion.noise / numbers[0], by_wrench.noise / numbers[1]
         return by_motion + by_wrench

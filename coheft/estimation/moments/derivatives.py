@@ -101,8 +101,8 @@ class WrenchDerivatives:
     common: Array
 
     @staticmethod
-    def at(body: BodyModel, motion: MotionDerivatives, load: Array, root: Array) -> WrenchDerivatives:
-        """Compute them at the state of ``body``, for a load (16,); ``root`` (6, 6) whitens the residual."""
+    def at(body: BodyModel, motion: MotionDerivatives, root: Array) -> WrenchDerivatives:
+        """Compute them at the state of ``body``, which has a load; ``root`` (6, 6) whitens the residual."""
         unknowns, count, features = body.unknowns, body.count, body.features
         size = WRENCH_SIZE * (1 + body.has_rates)
         local = np.zeros((count, unknowns.own, 6, size))
@@ -111,6 +111,7 @@ class WrenchDerivatives:
             by_errors = unknowns.errors.generators[:, rows.WRENCH, unknowns.errors.wrench]
             local[:, POSE_SIZE:] = body.adjoints[:, None] @ by_errors
 
+        load = body.state.fitted_load
         operator = load_operator(load)
         common = np.zeros((unknowns.size, 6, features))
         of_motion = common[: unknowns.motion_size]

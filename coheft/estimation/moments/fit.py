@@ -116,13 +116,13 @@ def fit_state(
     noise_of_motion: Array | None = None  # what noise adds to the information, (u, u)
     noise_of_wrench: Array | None = None
     for _ in range(most_steps):
-        body, load = settings.body(state), state.load
+        body = settings.body(state)
         moments, derivatives = evaluate(body), MotionDerivatives.at(body)
         by_rows = motion_evidence(body, derivatives, moments.motion, noise_of_motion)
-        if load is not None:
+        if state.load is not None:
             noise_of_motion = by_rows.noise
             if moments.wrench.number > 0.0:
-                by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, noise_of_wrench)
+                by_wrench = wrench_evidence(body, derivatives, moments.wrench, noise_of_wrench)
                 by_rows, noise_of_wrench = by_rows + by_wrench, by_wrench.noise
         estimate, state, left = _step(body, by_rows, prior(body), settings, guess, anchor)
         if estimate.step > _FAR:

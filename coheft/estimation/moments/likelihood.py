@@ -111,21 +111,20 @@ def wrench_evidence(
     body: BodyModel,
     motion: MotionDerivatives,
     moments: WrenchMoments,
-    load: Array,
     noise: Array | None = None,
 ) -> Evidence:
     """Evidence of the total wrench on all unknowns; internal forces show the poses as well.
 
     Args:
-        body: Matrices at the state.
+        body: Matrices at the state, which has a load.
         motion: Derivatives there.
         moments: Moments there.
-        load: Wrench offset and theta there, shape (16,).
         noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
     number, of_robots = moments.number, body.count * body.unknowns.own
-    root: Array = np.asarray(np.linalg.cholesky(inverse_of(residual_covariance(body, load)))).T.astype(np.float64)
-    derivatives = WrenchDerivatives.at(body, motion, load, root)
+    weight = inverse_of(residual_covariance(body, body.state.fitted_load))
+    root: Array = np.asarray(np.linalg.cholesky(weight)).T.astype(np.float64)
+    derivatives = WrenchDerivatives.at(body, motion, root)
     clean = _without_noise(body, moments)
     information = _common_information(derivatives, clean, body.without_velocity)
     information[:of_robots, :of_robots] += _local_information(derivatives.local, clean.of_wrenches)

@@ -228,7 +228,7 @@ def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: Fit
     load = np.concatenate([np.zeros(6), guess.theta])
     body = settings.body(state.with_load(load))
     unknowns = body.unknowns
-    total = wrench_evidence(body, MotionDerivatives.at(body), moments, load) + settings.expected(body)
+    total = wrench_evidence(body, MotionDerivatives.at(body), moments) + settings.expected(body)
     which = np.arange(unknowns.size)[unknowns.load if settings.has_offset else unknowns.theta]
     part = total.restricted(which)
     inverse = part.solve(settings.limits(unknowns.count, guess)[which]).inverse

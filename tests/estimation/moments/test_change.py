@@ -175,7 +175,7 @@ def newest_evidence(found: Fitted, rows: Array) -> Evidence:
     body = found.estimate.body
     assert body.state.load is not None
     moments = wrench_moments(body, RowMoments.of(rows))
-    return wrench_evidence(body, MotionDerivatives.at(body), moments, body.state.load)
+    return wrench_evidence(body, MotionDerivatives.at(body), moments)
 
 
 def surprises(share: float, seeds: int) -> list[float]:

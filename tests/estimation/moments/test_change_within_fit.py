@@ -27,7 +27,7 @@ def wrenches(found: Fitted, rows: Array) -> Evidence:
     body = found.estimate.body
     assert body.state.load is not None
     moments = wrench_moments(body, RowMoments.of(rows))
-    return wrench_evidence(body, MotionDerivatives.at(body), moments, body.state.load)
+    return wrench_evidence(body, MotionDerivatives.at(body), moments)
 
 
 def statistic(found: Fitted, rows: Array) -> float:

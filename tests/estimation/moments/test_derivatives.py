@@ -164,7 +164,7 @@ def test_of_the_residual_of_the_wrench(count: int, errors: SensorErrors) -> None
     unknowns, load = body.unknowns, body.state.load
     assert load is not None
     root = np.linalg.cholesky(np.linalg.inv(residual_covariance(body, load))).T
-    found = WrenchDerivatives.at(body, MotionDerivatives.at(body), load, root)
+    found = WrenchDerivatives.at(body, MotionDerivatives.at(body), root)
     psi, wrenches = rows @ body.motion_map.T, calibrated_wrenches(body.state, rows)
     residual = wrenches @ found.of_wrenches.T + psi @ found.of_motion.T
     np.testing.assert_allclose(residual, rho(body, rows) @ root.T, atol=1e-8)
@@ -192,7 +192,7 @@ def test_nothing_of_the_wrench_depends_on_the_velocity(errors: SensorErrors) -> 
     body, _ = case(3, errors)
     assert body.state.load is not None
     derivatives = MotionDerivatives.at(body)
-    found = WrenchDerivatives.at(body, derivatives, body.state.load, np.eye(6))
+    found = WrenchDerivatives.at(body, derivatives, np.eye(6))
     others = np.setdiff1d(np.arange(body.features), body.without_velocity)
     for each in (derivatives.common, derivatives.found, found.common, found.of_motion):
         assert not each[..., others].any()

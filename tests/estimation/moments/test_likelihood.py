@@ -39,12 +39,8 @@ CASES = pytest.mark.parametrize(
 
 def evidence_of(body: BodyModel, moments: RowMoments) -> tuple[Evidence, Evidence]:
     """Of the motion and of the wrench."""
-    seen, derivatives, load = evaluated_moments(body, moments, moments), MotionDerivatives.at(body), body.state.load
-    assert load is not None
-    return (
-        motion_evidence(body, derivatives, seen.motion),
-        wrench_evidence(body, derivatives, seen.wrench, load),
-    )
+    seen, derivatives = evaluated_moments(body, moments, moments), MotionDerivatives.at(body)
+    return motion_evidence(body, derivatives, seen.motion), wrench_evidence(body, derivatives, seen.wrench)
 
 
 def case(count: int, errors: SensorErrors, number: int = 8) -> tuple[BodyModel, Array]:
@@ -205,7 +201,7 @@ def test_noise_of_regressors_may_be_given() -> None:
     again = motion_evidence(body, derivatives, seen.motion, 2.0 * by_motion.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_motion.noise)
     np.testing.assert_array_equal(again.information, by_motion.information)
-    again = wrench_evidence(body, derivatives, seen.wrench, team.load, 2.0 * by_wrench.noise)
+    again = wrench_evidence(body, derivatives, seen.wrench, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.score, by_wrench.score)
 
