@@ -98,26 +98,29 @@ class Innovations:
         rows = float(sums[body.one])
         if past is not None:  # a mean over few rows would be as noisy as the rows that are tested
             sums, rows = sums + past.rows * past.mean, rows + past.rows
-        self._rows, self._mean = rows, sums / max(rows, 1.0)
-        mean = self.evaluate(self._mean).motion  # without the mean residuals, which are zero up to here
+        self._until_now = Past(rows, sums / max(rows, 1.0))
+        mean = self.evaluate(self._until_now.mean).motion  # without the mean residuals, which are zero up to here
         self.mean_residuals = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
 
     @property
     def past(self) -> Past:
         """All rows up to now, for the next chapter, whose estimates are better for their mean residuals."""
-        return Past(min(self._rows, ROWS_BEFORE), self._mean)
+        return self._until_now._replace(rows=min(self._until_now.rows, ROWS_BEFORE))
 
     @property
     def past_before_slip(self) -> Past:
-        """The same, with a made-up mean that gives the present mean residuals at any poses."""
-        mean = np.zeros_like(self._mean)
+        """The same, with a made-up mean row that gives the present mean residuals at any poses.
+
+        When a grasp slips, poses change, and predictions with them; mean residuals are errors of sensors, and stay.
+        """
+        mean = np.zeros_like(self._until_now.mean)
         mean[self._body.one] = 1.0
         by_robot = mean[: self._body.one].reshape(-1, ROW_SIZE)
         root, mean_residuals = np.sqrt(self._body.weight), self.mean_residuals.reshape(-1, KINEMATICS_SIZE)
         by_robot[:, :KINEMATICS_SIZE] = np.divide(
             mean_residuals, root, out=np.zeros_like(mean_residuals), where=root > 0.0
         )
-        return Past(min(self._rows, ROWS_BEFORE), mean)
+        return self.past._replace(mean=mean)
 
     def evaluate(self, row: Array) -> EvaluatedRow:
         """Evaluate an extended row (X,)."""

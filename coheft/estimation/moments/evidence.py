@@ -105,7 +105,7 @@ class Evidence:
         return Evidence(self.score - self.information @ step, self.information, self.noise, self.doubt)
 
     def marginalized(self, indices: Indices, limits: Array) -> Evidence:
-        """Marginalize unknowns; they keep their indices, without any information.
+        """Marginalize unknowns by a Schur complement; they keep their indices, without any information.
 
         Args:
             indices: Indices of the unknowns, shape (k,).
@@ -113,17 +113,13 @@ class Evidence:
         """
         others = np.setdiff1d(np.arange(len(self.score)), indices)
         inverse = self.restricted(indices).solve(limits).inverse
-        take = np.eye(len(self.score))
-        take[np.ix_(others, indices)] = -self.information[np.ix_(others, indices)] @ inverse
-        take[indices] = 0.0
-        information = take @ self.information
+        eliminate = np.eye(len(self.score))
+        eliminate[np.ix_(others, indices)] = -self.information[np.ix_(others, indices)] @ inverse
+        eliminate[indices] = 0.0
+        information = eliminate @ self.information
         information[:, indices] = 0.0
-        return Evidence(
-            take @ self.score,
-            0.5 * (information + information.T),
-            take @ self.noise @ take.T,
-            take @ self.doubt @ take.T,
-        )
+        noise, doubt = (eliminate @ each @ eliminate.T for each in (self.noise, self.doubt))
+        return Evidence(eliminate @ self.score, 0.5 * (information + information.T), noise, doubt)
 
     def with_process_noise(self, indices: slice | Indices, covariance: Array) -> Evidence:
         """Add process noise: these unknowns have changed since, by a step with this covariance (k, k).
@@ -156,9 +152,9 @@ class Evidence:
         from_white, to_white = (vectors.T * root).T / limits[:, None], vectors.T / root * limits
         values, vectors = np.linalg.eigh(to_white @ (self.information - self.doubt) @ to_white.T)
         kept = vectors[:, values > 0.0]
-        take = from_white @ kept @ kept.T @ to_white
-        parts = (take @ each @ take.T for each in (self.information, self.noise, self.doubt))
-        return Evidence(take @ self.score, *parts)
+        project = from_white @ kept @ kept.T @ to_white
+        parts = (project @ each @ project.T for each in (self.information, self.noise, self.doubt))
+        return Evidence(project @ self.score, *parts)
 
     def solve(self, limits: Array) -> Solution:
         """Invert the information in the directions that are seen.

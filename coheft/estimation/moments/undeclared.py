@@ -82,9 +82,9 @@ def undeclared_error(
     if kinds:
         errors = _errors_of((*kinds, *declared.names))
         body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
-    every, own = body.unknowns, np.flatnonzero([name in declared.names for name in errors.names])
-    tests = _Tests.of(body, settings, kinds, names_declared)
-    others = _places(every, own)
+    # From here on, unknowns are those of the fit (at ``others``) and all errors to test (at ``tested``).
+    own = np.flatnonzero([name in declared.names for name in errors.names])
+    tests, others = _Tests.of(body, settings, kinds, names_declared), _places(body.unknowns, own)
 
     rows = evidence_of(body, chapter.evaluation()(body))
     before = chapter.prior_evidence(estimate.body)
