@@ -115,16 +115,13 @@ class ChangeDetector:
     def __init__(self, rows: RowCounts, guards: Guards, slot: int) -> None:
         self._rows, self._guards = rows, guards
         self.schedule = ChangeTestSchedule(rows, guards, slot)
-        self.step = NO_STEP
-        self._confirmation = Confirmation(rows)
-        self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since
+        self.begin()
 
     def begin(self) -> None:
         """Start again with other knowledge."""
         self.schedule.begin()
-        self.step = NO_STEP
-        self._is_likely = False
-        self._confirmation = Confirmation(self._rows)
+        self.step, self._confirmation = NO_STEP, Confirmation(self._rows)
+        self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since
 
     def confirm(self, since: int) -> None:
         """From this row on, the load may be another one, until new rows confirm it; looks are of use again."""

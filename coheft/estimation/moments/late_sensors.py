@@ -20,7 +20,7 @@ from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, TWIST, WRENCH
 from coheft.estimation.moments.sensor_errors import DELAYS
 from coheft.estimation.moments.undeclared import UndeclaredError
-from coheft.estimation.moments.unknowns import Flags, Indices
+from coheft.estimation.moments.unknowns import Indices
 
 
 def late_sensor(
@@ -43,7 +43,8 @@ def late_sensor(
         period: Duration of a row [s].
         false_alarm: False-alarm probability for one delay.
     """
-    is_tested, far = ~_declared(body), 2 if body.has_rates else 1
+    errors, deviations, far = body.unknowns.errors, body.unknowns.deviations, 2 if body.has_rates else 1
+    is_tested = np.array([(deviations[:, errors.are(kind)] == 0.0).all(axis=1) for kind in DELAYS])  # shape (2, N)
     between = numbers[2 * far :] - numbers[: -2 * far] == 2 * far
     if not is_tested.any() or not between.any():
         return None
@@ -69,10 +70,3 @@ def late_sensor(
     kind, robot = np.unravel_index(int(sizes.argmax()), sizes.shape)
     is_clear = count > 2 or DELAYS[kind] != "clock"  # two clocks differ, but which of them is off?
     return UndeclaredError(int(robot) if is_clear else None, DELAYS[kind], float(sizes[kind, robot]))
-
-
-def _declared(body: BodyModel) -> Flags:
-    """Which delays are among the unknowns of the fit, shape (2, N)."""
-    errors, deviations = body.unknowns.errors, body.unknowns.deviations
-    found = [(deviations[:, errors.are(kind)] > 0.0).any(axis=1) for kind in DELAYS]
-    return np.array(found)

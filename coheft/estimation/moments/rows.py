@@ -110,11 +110,8 @@ class RowNoise:
             apart = np.abs(np.subtract.outer(range(len(weights)), range(len(weights))))
             return math.sqrt(weights @ np.power(alike, apart) @ weights)
 
-        mean, line, change = (
-            np.full(samples, 1.0 / samples),
-            _line(samples, rate),
-            0.5 * rate * np.array([1.0, 0.0, -1.0]),
-        )
+        mean, line = np.full(samples, 1.0 / samples), _line(samples, rate)
+        change = 0.5 * rate * np.array([1.0, 0.0, -1.0])
         of_mean = deviation(mean)
         by_shape = _TIMES * _FAST_TURNING * (2.0 * math.pi * _FASTEST * samples / rate) ** 2 / 60.0
         slope = math.hypot(noise.gyro * deviation(line), by_shape)
