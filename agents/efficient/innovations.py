@@ -86,8 +86,8 @@ class Innovations:
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
         self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))  # Gram matrix of views of rows that are not kept
         if not buffer.keeps_whole_load:
-            summed = buffer.summed_views()
-            self._older = view_moments(body, of_load) - summed.T @ summed
+            kept = buffer.views[buffer.of_load]
+            self._older = view_moments(body, of_load) - kept.T @ kept
         self._knows_load = chapter.knows_load and buffer.keeps_whole_load
         self._maps = InformationMaps.of(body, load, chapter.prior_evidence(body))
         root = np.linalg.cholesky(residual_covariance(body, load))

@@ -69,10 +69,6 @@ class RowBuffer:
         """Slice of the rows with the present load that are kept."""
         return slice(self.start, self.count)
 
-    def summed_views(self) -> Array:
-        """Views of the rows with the present load that are both kept and in the moments, shape (n, 19)."""
-        return self.views[self.start : self._summed]
-
     def add(self, number: int, row: Array) -> tuple[int, bool]:
         """Insert a row (X,) in the order of numbers.
 
@@ -117,7 +113,7 @@ class RowBuffer:
     def moments_dropped(self) -> Moments:
         """Moments of the rows with the present load that are not kept any more."""
         self._sum_up()
-        dropped: Moments = self._load - self.moments_of(self.rows[self.start : self._summed])
+        dropped: Moments = self._load - self.moments_of(self.rows[self.of_load])
         return dropped
 
     def moments_kept(self) -> RowMoments:
@@ -131,7 +127,7 @@ class RowBuffer:
             return
         self._projected_at = body
         if not self._has_dropped:  # all rows are kept, so they are projected anew
-            self._load = self.moments_of(self.rows[self.start : self._summed])
+            self._load = self.moments_of(self.rows[self.of_load])
             if self._former is not None:
                 self._former = self.moments_of(self.rows[: self.start])
             return
@@ -141,13 +137,10 @@ class RowBuffer:
 
     def take_back(self, number: int) -> int:
         """Remove the rows of the present load from this number on, as if they had never arrived; return how many."""
-        self._sum_up()
         first = self.index_of(number)
-        taken = self.count - first
-        if first < self._summed:
-            self._load = self._load - self.moments_of(self.rows[first : self._summed])
-            self._summed = first
-        self.count = first
+        taken, newest = self.count - first, self.moments_since(first)
+        self._load = self._load - newest
+        self.count = self._summed = first
         return taken
 
     def begin_load(self, index: int) -> Moments:
