@@ -94,9 +94,15 @@ def _motion_information(
     )
     across = _summed_product(derivatives.common, of_accelerations, weighted_changes, used)
     result[:motion, :motion] += across + across.T
-    result[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += alone
+    _add_along_diagonal(result[:of_robots, :of_robots], alone)
     symmetric: Array = 0.5 * (result + result.T)
     return symmetric
+
+
+def _add_along_diagonal(matrix: Array, blocks: Array) -> None:
+    """Add blocks (N, k, k) to those on the diagonal of a matrix (k N, k N), in place."""
+    count, size, _ = blocks.shape
+    matrix.reshape(count, size, count, size)[range(count), :, range(count)] += blocks
 
 
 def _summed_product(left: Array, gram: Array, right: Array, used: Indices) -> Array:
@@ -135,10 +141,8 @@ def wrench_evidence(
 
 def _without_noise(body: BodyModel, moments: WrenchMoments) -> WrenchMoments:
     """Return the moments less the contribution of the noise of wrenches and of ``psi``."""
-    count, number, of_wrenches = body.count, moments.number, moments.of_wrenches.copy()
-    size = len(of_wrenches) // count
-    of_noise = number * body.wrench_covariance
-    of_wrenches.reshape(count, size, count, size)[range(count), :, range(count)] -= of_noise
+    number, of_wrenches = moments.number, moments.of_wrenches.copy()
+    _add_along_diagonal(of_wrenches, -number * body.wrench_covariance)
     return WrenchMoments(of_wrenches, moments.with_motion, moments.of_motion - number * body.motion_noise)
 
 
@@ -189,7 +193,7 @@ def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float
     noise = _summed_product(common, of_noise, common, used)
     weighted = (local @ (number * body.wrench_covariance)[:, None]).reshape(count, own, -1)
     by_own = weighted @ local.reshape(count, own, -1).swapaxes(1, 2)
-    noise[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += by_own
+    _add_along_diagonal(noise[:of_robots, :of_robots], by_own)
     symmetric: Array = 0.5 * (noise + noise.T)
     return symmetric
 
