@@ -9,5 +9,14 @@ robot's sensors contradict the team, and what becomes of rows then), ``change_te
 (what follows if not, with ``undeclared_watch``), ``state_before_change``, ``slips`` and ``causes`` (a load change or a
 slip?), ``load_drift``, ``stages`` and ``session`` (decides what to do with each row), ``team`` (all of this while the
 team stays the same, with ``handover`` for robots that join), ``estimator`` (the interface to the agent). The
-mathematics is in ``coheft.estimation.moments``.
+mathematics is in ``coheft.estimation.moments``, where more words are explained.
+
+    number, index  a row's number counts time, the same for all robots; its index is its place in this robot's buffer
+    look           a test for a change of the load: first at fixed poses, then against a fit to the rows before
+    confirm        show by new rows that the load is still the same, after rows were missing or in another team
+    step, drift    a change of the mass that was too small to be noticed; changes that follow each other (leaks)
+    gap            missing rows, in which anything may have changed
+    suspicion      a change of which it is not known yet whether it is of the load, of a grasp or of a sensor
+    page           a chapter of fixed length, where sensors drift or the load is forgotten
+    past           the mean row of earlier chapters, for mean residuals
 """

@@ -9,5 +9,18 @@ likelihood with the noise of its regressors), ``fit_settings``, ``start`` and ``
 and ``late_sensors`` (are there errors that no tolerance allows for?), ``claims`` and ``found_errors`` (what may be
 published), ``recorded`` (all of this for a recording).
 
+Words that all of these files use:
+
+    extended row   the rows of all robots, 1, then rates and flexing if there are any: ``x``, of length ``X``
+    motion, psi    motion of the body in one row, fused from all robots; its numbers are the features
+    view           what the wrench of a row depends on, and the total wrench: ``(motion[FORCING], wrench)``
+    eta            sensor errors of a robot; its calibration is the matrix that corrects its extended row by them
+    anchor         the robot whose pose is fixed, and fixes the body frame
+    evidence       quadratic log likelihood; ``noise`` is known and subtracted, ``doubt`` is how uncertain that is
+    seen, hidden   directions of the unknowns with and without enough information, as ``limits`` (deviations) define it
+    guess          a rough load, which sets the limits of theta
+    chapter        the rows since something has changed; what was known before is its prior
+    expectations   the prior of sensor errors, by their tolerances
+
 Pure: arrays in, arrays out. It may import the rest of ``coheft.estimation``, and nothing else of coheft.
 """
