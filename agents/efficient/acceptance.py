@@ -109,6 +109,9 @@ class Acceptance:
                 self.verdict, end = Verdict(Outcome.NO_LOAD), changed
         match self.verdict.outcome:
             case Outcome.NO_BODY:
+                by_motion = known.judge_by_motion()
+                if by_motion.outcome in (Outcome.NO_BODY, Outcome.NO_LOAD):
+                    self.verdict = by_motion
                 return Event.STARTED_OVER, end
             case Outcome.BEYOND_TOLERANCE:
                 self.tolerances.exceed(estimate, known.age)

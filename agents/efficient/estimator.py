@@ -113,7 +113,7 @@ class EfficientEstimator:
             if session.verdict.outcome is Outcome.NO_LOAD and is_pose_unknown:
                 return (NO_LOAD_AT_POSES,)
             return (_in_words(session.verdict, team.names),)
-        if session.estimate is None:
+        if session.estimate is None and not team.missing():
             return ("the team's measurements have just begun",)
         if session.suspected is not None:
             where, what = _undeclared_in_words(session.suspected, team.names)
@@ -243,6 +243,9 @@ class EfficientEstimator:
 
 def _in_words(verdict: Verdict, names: list[str]) -> str:
     """Say why the load is not known."""
+    if verdict.misreading is not None:
+        whose, how = names[verdict.misreading.robot], verdict.misreading.in_words
+        return f"wrenches fit no load, but would if those of {whose} {how}: are their signs, units and axes right?"
     if verdict.rival is None:
         which = "" if verdict.robot is None else f"; {names[verdict.robot]} stands out"
         return verdict.outcome.value + which

@@ -189,7 +189,8 @@ class Exchange:
         return np.concatenate([rows[:, :ROW_SIZE].ravel(), _ONE, rows[:, ROW_SIZE:].ravel()])
 
     def missing(self, number: int) -> list[int]:
-        """Indices of the robots whose row of this number has not arrived."""
+        """Indices of the robots whose row of this number, or the oldest later one that is kept, has not arrived."""
+        number = max(number, self._oldest or 0)
         return [robot for robot in range(self._count) if robot not in self._rows.get(number, {})]
 
     def row(self, robot: int, number: int) -> bytes | None:

@@ -15,10 +15,12 @@ from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.hidden_poses import best_residuals
 from coheft.estimation.moments.misfit import KnownLoad, excess_energy, explanations, worst_misfit
+from coheft.estimation.moments.misread import AXES, SCALE, UNITS, Misreading, misreadings
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import OFFSET, THETA
 
@@ -48,11 +50,13 @@ class Verdict:
         outcome: The outcome.
         rival: If undecided, index of the robot (None if any) and sensor that would explain the wrenches as well.
         robot: Index of the robot that fits worst, if one stands out.
+        misreading: If wrenches fit no load, how those of one robot would have to be read to fit.
     """
 
     outcome: Outcome
     rival: tuple[int | None, str] | None = None
     robot: int | None = None
+    misreading: Misreading | None = None
 
 
 def judge(
@@ -98,6 +102,19 @@ def judge(
         return Verdict(Outcome.BEYOND_TOLERANCE if is_beyond else Outcome.FITS)
     # Where torques are all measured about points of one body, it makes no difference whose torque sensor is off.
     return Verdict(Outcome.UNDECIDED, (found.robot if found.kind == "force" else None, found.kind))
+
+
+def misreading_of_one(body: BodyModel, extended_rows: Array, guards: Guards) -> Misreading | None:
+    """Return how the wrenches of the only robot for which that is possible would have to be read to fit, or None.
+
+    See ``misreadings`` for the arguments.
+    """
+    for by in (SCALE, UNITS, AXES):
+        found = list(misreadings(body, extended_rows[-_JUDGED:], by))
+        fitting = [each for each in found if _fits(each.residuals, each.freedom, guards.largest_wrench_misfit, guards)]
+        if fitting:
+            return fitting[0] if len(fitting) == 1 else None
+    return None
 
 
 def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards) -> bool:

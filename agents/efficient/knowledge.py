@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
-from coheft.agents.efficient.judge import Verdict, judge
+from coheft.agents.efficient.judge import Outcome, Verdict, judge, misreading_of_one
 from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.one_load import OneLoad
 from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
@@ -141,6 +141,17 @@ class Knowledge:
         return judge(
             self.estimate, self.innovations, self.buffer, self._guards, self._settings, self.drift, load_before
         )
+
+    def judge_by_motion(self) -> Verdict:
+        """Judge a fit to the motion alone, which becomes the estimate: wrenches that fit no load make poses wrong.
+
+        If no load fits at its poses either, the verdict says how the wrenches of one robot would have to be read.
+        """
+        body = self.fit(end=self.buffer.start, keeps_motion=True).body
+        verdict = self.judge()
+        if verdict.outcome is not Outcome.NO_LOAD or not self.is_small:
+            return verdict
+        return replace(verdict, misreading=misreading_of_one(body, self.buffer.rows[self.buffer.of_load], self._guards))
 
     def reevaluate(self) -> None:
         """Evaluate all rows of the buffer again, because some have moved in it."""

@@ -23,6 +23,9 @@ from coheft.estimation.rigid_body.unobservable import Unobservable, unobservable
 CLAIM_LIMITS: Array = np.repeat([np.radians(2.0), 0.04], 3)
 """Poses are published once they are known to this [rad, m]: errors of five deviations are then still linear."""
 
+_SURELY_NEGATIVE = 5.0
+"""A mass that is negative by so many of its standard deviations is so by no chance."""
+
 
 @dataclass(frozen=True, eq=False)
 class Claim:
@@ -60,6 +63,9 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     if hidden.any():
         known = min(known, 1)
     words = tuple(f"{each.what}: {_remedy(each, estimate)}" for each in unobservable)
+    mass = float(state.fitted_load[THETA.start])
+    if not known and mass < -_SURELY_NEGATIVE * np.sqrt(estimate.variance_of_mass):
+        words = (f"mass: wrenches show {mass:.3g} kg, so they seem to have the opposite sign: give those on the load",)
     return Claim(
         inertia.transported(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden
     )
