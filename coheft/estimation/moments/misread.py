@@ -26,8 +26,11 @@ UNITS: Array = np.array([_FORCES, np.eye(6) - _FORCES])
 """Those of another sign or unit of forces, and of torques, shape (2, 6, 6)."""
 AXES: Array = np.array([np.kron(np.eye(2), each.reshape(3, 3)) for each in np.eye(9)])
 """Those of other axes, shape (9, 6, 6)."""
-_ALIKE = 0.05
-"""Factors and angles [rad] that differ by less are called alike."""
+_ALIKE = 0.2
+"""Factors that differ by less are called alike, and a turn by less [rad] is not told beside another factor: sensors
+within their tolerances make both.
+"""
+_ROUNDING = 1e-6
 
 
 class Misreading(NamedTuple):
@@ -51,7 +54,7 @@ class Misreading(NamedTuple):
         force, torque = (float(np.cbrt(np.linalg.det(part))) for part in (self.factor[:3, :3], self.factor[3:, 3:]))
         left, _, right = np.linalg.svd(self.factor[:3, :3] / force)
         turn = rotation_log(left @ right)
-        if (angle := float(np.linalg.norm(turn))) > _ALIKE:
+        if (angle := float(np.linalg.norm(turn))) > (_ROUNDING if abs(force - 1.0) < _ALIKE else _ALIKE):
             x, y, z = np.round(turn / angle, 1) + 0.0  # no -0.0
             sign = "had the opposite sign and " if force < 0.0 else ""
             return f"{sign}were turned by {np.degrees(angle):.0f}° about ({x}, {y}, {z})"

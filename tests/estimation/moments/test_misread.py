@@ -1,0 +1,77 @@
+"""Wrenches of one robot that have another sign, unit or axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from coheft.agents.efficient.judge import misreading_of_one
+from coheft.agents.efficient.settings import Guards
+from coheft.estimation.geometry.spatial import Array, rotation_exp
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.misread import Misreading
+from coheft.estimation.moments.rows import ROW_SIZE, WRENCH, A, RowNoise
+from coheft.estimation.moments.unknowns import State
+from tests.efficient.rows import PERIOD, POSES, made_up_rows
+
+NOISE = SensorNoise()
+QUARTER_TURN = rotation_exp(np.array([0.0, 0.0, np.pi / 2.0])).round()
+
+
+def read(factor: Array, *robots: int) -> Array:
+    """Rows in which wrenches of these robots are multiplied by a factor (6, 6); all push against each other as well."""
+    rows = made_up_rows(60)
+    wrenches = [rows[:, ROW_SIZE * robot :][:, WRENCH] for robot in range(len(POSES))]
+    pushes = np.random.default_rng(1).normal(size=(len(POSES), len(rows), 6))
+    for own, pose, push in zip(wrenches, POSES, pushes - pushes.mean(axis=0), strict=True):
+        own += 20.0 * push @ pose.inverse().adjoint().T
+    for robot in robots:
+        wrenches[robot][:] = wrenches[robot] @ factor.T
+    return rows
+
+
+def found(rows: Array, noise: SensorNoise = NOISE) -> Misreading | None:
+    settings = FitSettings(RowNoise.of_samples(noise, 20, 1000.0), PERIOD)
+    return misreading_of_one(settings.body(State.first(list(POSES), settings.errors)), rows, Guards())
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (-np.eye(6), "had the opposite sign"),
+        (np.eye(6) / 9.81, "were 9.8 times as large"),
+        (0.95 * np.eye(6), "were 1.1 times as large"),
+        (np.diag([1.0, 1.0, 1.0, 0.1, 0.1, 0.1]), "had 1 times the forces and 10 times the torques"),
+        (np.kron(np.eye(2), QUARTER_TURN), "were turned by 90° about (0.0, 0.0, -1.0)"),
+        (np.kron(np.eye(2), rotation_exp(np.array([0.1, 0.0, 0.0]))), "were turned by 6° about (-1.0, 0.0, 0.0)"),
+        (-np.kron(np.eye(2), QUARTER_TURN), "had the opposite sign and were turned by 90° about (0.0, 0.0, -1.0)"),
+    ],
+)
+def test_it_is_found_and_told(factor: Array, words: str):
+    misreading = found(read(factor, 2))
+    assert misreading is not None
+    assert (misreading.robot, misreading.in_words) == (2, words)
+    if "torques" not in words:
+        assert misreading.factor @ factor == pytest.approx(np.eye(6), abs=0.05)
+
+
+def test_the_noise_of_the_motion_counts_as_well():
+    rows, poor = read(-np.eye(6), 2), replace(NOISE, acceleration=1.0)
+    for robot in range(len(POSES)):
+        own = rows[:, ROW_SIZE * robot :][:, A]
+        own += np.random.default_rng(robot).normal(scale=poor.acceleration / np.sqrt(20.0), size=own.shape)
+    misreading = found(rows, poor)
+    assert misreading is not None
+    assert misreading.in_words == "had the opposite sign"
+
+
+def test_where_every_robot_might_be_it_none_is_named():
+    assert found(read(np.eye(6))) is None  # all fit as they are
+
+
+def test_two_are_not_explained_by_another_one():
+    """Nor by a load whose mass is below zero, to which the two others would fit."""
+    assert found(read(-np.eye(6), 1, 2, 3)) is None
+    assert found(read(-np.eye(6), 1, 2)) is None
