@@ -14,11 +14,9 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import change_within_fit, error_by_step, windows
-from coheft.estimation.moments.chapter import Chapter
-from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.chapter import Chapter, EvidenceAt
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import Moments, wrench_moments
 from coheft.estimation.moments.projected import ProjectedMoments
 
@@ -35,8 +33,7 @@ class OneLoad:
 
     def __init__(self, estimate: Estimate, chapter: Chapter, fitted: int, end: int) -> None:
         self._estimate, self._chapter, self._fitted, self._end = estimate, chapter, fitted, end
-        self._derivatives = MotionDerivatives.at(estimate.body)
-        self._noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
+        self._at_estimate = EvidenceAt(estimate.body)
         self._drifted: tuple[int, Array] | None = None  # a row's number, and the error there by a drift, (u, 10)
         self._stepped: tuple[int, Array] | None = None  # the number of the first row after a step, and the error
 
@@ -94,10 +91,5 @@ class OneLoad:
         return result
 
     def _evidence(self, moments: Moments) -> Evidence:
-        body = self._estimate.body
-        of_wrenches = wrench_moments(body, moments)
-        noise = None if self._noise is None else of_wrenches.number * self._noise
-        result = wrench_evidence(body, self._derivatives, of_wrenches, noise)
-        if self._noise is None and of_wrenches.number > 0.0:
-            self._noise = result.noise / of_wrenches.number
-        return result
+        """Evidence of wrenches with these moments, around the estimate."""
+        return self._at_estimate.of_wrenches(wrench_moments(self._estimate.body, moments))

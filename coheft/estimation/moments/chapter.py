@@ -21,7 +21,13 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments
 from coheft.estimation.moments.fit_settings import FitSettings, Guess, expected_errors
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import EvaluatedMoments, Moments, evaluated_moments, wrench_moments
+from coheft.estimation.moments.moments import (
+    EvaluatedMoments,
+    Moments,
+    WrenchMoments,
+    evaluated_moments,
+    wrench_moments,
+)
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 
@@ -179,8 +185,7 @@ class Chapter:
                 self.prior = self.prior.with_process_noise(slice(None), noise)
 
     def _prior_with_wrenches(self, estimate: Estimate, moments: Moments) -> Prior:
-        body = estimate.body
-        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments))
+        found = EvidenceAt(estimate.body).of_wrenches(wrench_moments(estimate.body, moments))
         return self._prior_with(estimate, self._beyond_doubt(estimate, found))
 
     def end(self, estimate: Estimate, index: int) -> Prior:
@@ -227,14 +232,23 @@ class EvidenceAt:
 
     def __init__(self, body: BodyModel) -> None:
         self._body, self._derivatives = body, MotionDerivatives.at(body)
-        self._noise: tuple[Array, Array] | None = None  # per row, of motion and of wrenches, (u, u) each
+        self._motion_noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
+        self._wrench_noise: Array | None = None
 
     def of(self, moments: EvaluatedMoments) -> Evidence:
-        """Evidence of these moments."""
-        numbers = moments.motion.number, moments.wrench.number
-        noise = (None, None) if self._noise is None else (numbers[0] * self._noise[0], numbers[1] * self._noise[1])
-        by_motion = motion_evidence(self._body, self._derivatives, moments.motion, noise[0])
-        by_wrench = wrench_evidence(self._body, self._derivatives, moments.wrench, noise[1])
-        if min(numbers) > 0.0:
-            self._noise = by_motion.noise / numbers[0], by_wrench.noise / numbers[1]
-        return by_motion + by_wrench
+        """Evidence of motions and wrenches."""
+        number = moments.motion.number
+        noise = None if self._motion_noise is None else number * self._motion_noise
+        by_motion = motion_evidence(self._body, self._derivatives, moments.motion, noise)
+        if noise is None and number > 0.0:
+            self._motion_noise = by_motion.noise / number
+        return by_motion + self.of_wrenches(moments.wrench)
+
+    def of_wrenches(self, moments: WrenchMoments) -> Evidence:
+        """Evidence of wrenches alone."""
+        number = moments.number
+        noise = None if self._wrench_noise is None else number * self._wrench_noise
+        by_wrench = wrench_evidence(self._body, self._derivatives, moments, noise)
+        if noise is None and number > 0.0:
+            self._wrench_noise = by_wrench.noise / number
+        return by_wrench
