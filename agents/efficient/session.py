@@ -103,17 +103,8 @@ class Session:
         """Enter the row unless it contradicts the team's motion; look for another load, and fit, if that is due."""
         if number < self._oldest:
             return
+        self._prepare_for(number)
         known, buffer = self._known, self._known.buffer
-        if self._newest < 0:
-            if self.stage is Stage.ESTIMATING:  # another team has known this before
-                self._expect_changes(since=number)
-                if self._begins_after_gap:
-                    self._gap.begin(known, number)
-        elif number > self._newest + 1 + self._rows.waiting:
-            known.bridge((number - self._newest - 1) * self.settings.period)
-            self._expect_changes(since=number)
-            self._gap.begin(known, number)
-        self._newest = max(self._newest, number)
         if known.estimate is None:
             buffer.add(number, row)
         else:
@@ -133,6 +124,20 @@ class Session:
             self._fit_and_judge()
             if self.stage is Stage.ESTIMATING and known is self._known:
                 known.fade()
+
+    def _prepare_for(self, number: int) -> None:
+        """Note that a row with this number comes, possibly the first of a team or after missing ones."""
+        missing, known = number - self._newest - 1, self._known
+        if self._newest < 0:
+            if self.stage is Stage.ESTIMATING:  # another team has known this before
+                self._expect_changes(since=number)
+                if self._begins_after_gap:
+                    self._gap.begin(known, number)
+        elif missing > self._rows.waiting:
+            known.bridge(missing * self.settings.period)
+            self._expect_changes(since=number)
+            self._gap.begin(known, number)
+        self._newest = max(self._newest, number)
 
     def _expect_changes(self, since: int) -> None:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile.

@@ -85,11 +85,11 @@ class RowBuffer:
                 buffer[index + 1 : self.count + 1] = buffer[index : self.count]
         self.rows[index], self.numbers[index] = row, number
         self.count += 1
-        if number < self._since:
+        if number < self._since:  # it is of a former load, or of a former chapter, and then in no moments
             self.start += 1
             if self._former is not None:
                 self._former = self._former + self.moments_of(row[None])
-        elif index < self._summed:
+        elif index < self._summed:  # the rows after it are in the moments already
             self._load = self._load + self.moments_of(row[None])
         if number < self._since or index < self._summed:
             self._summed += 1
