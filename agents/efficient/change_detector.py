@@ -173,7 +173,7 @@ class ChangeDetector:
         assert now is not None
         guards, mass = self._guards, float(now.state.fitted_load[THETA.start])
         small = StepThresholds(self._rows.shortest, guards.least_small_step, guards.least_recent_step, mass)
-        since, statistic, step = known.innovations.look_for_change(buffer, small)
+        since, statistic, step = known.innovations.look_for_change(small)
         index, was_likely, self._is_likely = buffer.start + since, self._is_likely, False
         if not was_likely:
             if statistic <= 1.0:
@@ -216,7 +216,7 @@ class ChangeDetector:
     def _change_at(self, known: Knowledge, index: int) -> Detected:
         """Return the change at this index or before, with a fit to the rows before it."""
         buffer, before = known.buffer, known.fit(end=index)
-        first = buffer.start + known.innovations.look_for_change(buffer).first
+        first = buffer.start + known.innovations.look_for_change().first
         if first < index:  # rows of the other load were among those that were fitted
             before = known.fit(end=first)
         return Detected(Event.LOAD_CHANGED, first, before, known.surprise(first, before))
@@ -240,7 +240,7 @@ class ChangeDetector:
         buffer, since = known.buffer, known.buffer.index_of(self._confirmation.since)
         kept = min(index, since)
         before = known.fit(end=kept, keeps_motion=True)
-        index = buffer.start + known.innovations.look_for_change(buffer).first
+        index = buffer.start + known.innovations.look_for_change().first
         surprise = known.surprise(index, before)
         if surprise > 1.0:
             return Detected(Event.LOAD_CHANGED, kept, before, surprise)

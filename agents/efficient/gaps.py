@@ -56,7 +56,7 @@ class Gap:
                 self._first = None
                 return NO_STEP
         rows = max(1, buffer.number_at(buffer.count) - self._first)
-        since = _GROWTH ** math.floor(math.log(rows, _GROWTH)) * known.innovations.mass_information(buffer)
+        since = _GROWTH ** math.floor(math.log(rows, _GROWTH)) * known.innovations.mass_information()
         if not since > 0.0:
             return NO_STEP
         ratio = estimate.variance_of_mass * self._before / since

@@ -24,7 +24,7 @@ from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.late_sensors import late_sensor
 from coheft.estimation.moments.moments import view_moments
-from coheft.estimation.moments.row_buffer import VIEW_SIZE, RowBuffer
+from coheft.estimation.moments.row_buffer import VIEW_SIZE
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
 from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA
@@ -81,6 +81,7 @@ class Innovations:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
+        self._buffer = buffer
         of_all, of_load = buffer.moments()
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
@@ -137,25 +138,27 @@ class Innovations:
         motion = self._body.residuals(rows, evaluated[:, WRENCH_SIZE:]) - self.mean_residuals
         return evaluated[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
-    def late_sensor(self, buffer: RowBuffer, period: float, false_alarm: float) -> UndeclaredError | None:
+    def late_sensor(self, period: float, false_alarm: float) -> UndeclaredError | None:
         """Run the test for delays with tolerance zero on the rows of the load, see ``late_sensors.late_sensor``."""
-        rows, numbers, by_wrench = buffer.rows[buffer.of_load], buffer.numbers[buffer.of_load], self._matrix[_WRENCH]
+        buffer, by_wrench = self._buffer, self._matrix[_WRENCH]
+        rows, numbers = buffer.rows[buffer.of_load], buffer.numbers[buffer.of_load]
         return late_sensor(self._body, rows, numbers, self.residuals, by_wrench, period, false_alarm)
 
-    def gram(self, buffer: RowBuffer) -> Array:
+    def gram(self) -> Array:
         """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""
-        views = buffer.views[buffer.of_load]
+        views = self._buffer.views[self._buffer.of_load]
         result: Array = self._older + views.T @ views
         return result
 
-    def mass_information(self, buffer: RowBuffer) -> float:
+    def mass_information(self) -> float:
         """Return the information of one row on the mass [1/kg²], mean over all rows of the load."""
-        of_motion = self.gram(buffer)[:FORCING_SIZE, :FORCING_SIZE]
+        of_motion = self.gram()[:FORCING_SIZE, :FORCING_SIZE]
         return float(np.sum(self._by_mass * (of_motion @ self._by_mass)) / max(of_motion[0, 0], 1.0))
 
-    def look_for_change(self, buffer: RowBuffer, small: StepThresholds | None = None) -> Look:
+    def look_for_change(self, small: StepThresholds | None = None) -> Look:
         """Run the first test for a load change on all rows of the load.
 
         See ``coheft.estimation.moments.change.look_for_change``.
         """
-        return look_for_change(buffer.views[buffer.of_load], self._older, self._maps, self._knows_load, small)
+        views = self._buffer.views[self._buffer.of_load]
+        return look_for_change(views, self._older, self._maps, self._knows_load, small)

@@ -95,7 +95,7 @@ def judge(
         best, moved = best_residuals(estimate, settings, buffer.rows[max(first, buffer.start) : buffer.count])
         if not _fits(best, best.size - _LOAD, guards.largest_wrench_misfit, guards, moved=moved):
             return Verdict(Outcome.NO_LOAD)
-    found = explanations(body, innovations.gram(buffer), assumed)
+    found = explanations(body, innovations.gram(), assumed)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
     if load_before is None or found.sensor < guards.largest_offset or is_load:
         is_beyond = _has_offset_beyond_tolerance(estimate, settings, guards)

@@ -132,7 +132,7 @@ class Knowledge:
             return None
         kinds = KINDS_OF_ONE_ROBOT if self.is_small else ()
         constant = undeclared_error(estimate, self._chapter, settings, self._anchor, kinds, false_alarm)
-        late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
+        late = self.innovations.late_sensor(settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
 
     def judge(self, load_before: KnownLoad | None = None) -> Verdict:
@@ -244,7 +244,7 @@ class Knowledge:
         """Return the index of the first row after a change among the rows that a load was fitted to, None if they are
         alike.
         """
-        look = self.innovations.look_for_change(self.buffer)
+        look = self.innovations.look_for_change()
         return self.buffer.start + look.first if look.statistic > self._guards.fresh_change else None
 
     def known_from(self, prior: Prior) -> Estimate:

@@ -14,7 +14,6 @@ from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.change import Look, StepThresholds
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import RowNoise
 from tests.efficient.rows import PERIOD, POSES, made_up_rows
 
@@ -58,8 +57,8 @@ def test_looks_in_vain_pause_others_for_a_while_only(monkeypatch: pytest.MonkeyP
     """A window of 140 rows seems to have another load, but a fit to the rows before it says no."""
     found, look, surprise = Session(len(POSES), 0, SETTINGS, GUARDS), Innovations.look_for_change, Knowledge.surprise
 
-    def look_for_change(self: Innovations, buffer: RowBuffer, small: StepThresholds | None = None) -> Look:
-        return Look(10, 2.0, None) if buffer.count == 150 else look(self, buffer, small)
+    def look_for_change(self: Innovations, small: StepThresholds | None = None) -> Look:
+        return Look(10, 2.0, None) if self._buffer.count == 150 else look(self, small)
 
     monkeypatch.setattr(Innovations, "look_for_change", look_for_change)
     monkeypatch.setattr(Knowledge, "surprise", lambda self, *a: 0.9 if self.buffer.count == 150 else surprise(self, *a))

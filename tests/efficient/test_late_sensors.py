@@ -40,7 +40,7 @@ def latest(
     found = fit(rows, settings)
     buffer = found.chapter.buffer
     buffer.numbers += 10 * (np.arange(len(buffer.numbers)) // in_groups_of)
-    return Innovations(found.estimate, found.chapter).late_sensor(buffer, PERIOD, false_alarm)
+    return Innovations(found.estimate, found.chapter).late_sensor(PERIOD, false_alarm)
 
 
 @pytest.mark.parametrize("kind", DELAYS)

@@ -317,7 +317,7 @@ def test_rows_that_have_made_room_count_in_tests_for_changes(monkeypatch: pytest
     rows = made_up_rows(129)
     known = fed(rows)._known
     assert known.buffer.count == 65
-    assert known.innovations.gram(known.buffer)[0, 0] == pytest.approx(len(rows))
+    assert known.innovations.gram()[0, 0] == pytest.approx(len(rows))
 
 
 def test_the_total_wrench_of_the_newest_row_is_told() -> None:
