@@ -31,14 +31,9 @@ def fit_settings(config: AgentConfig, names: Sequence[str]) -> FitSettings:
         own = np.maximum([getattr(sheet, key) for sheet in sheets], drifting)
         return float(own[0]) if (own == own[0]).all() else own
 
+    noises, missing = [each.noise for each in sensors], [each.missing for each in sensors]
     return FitSettings(
-        RowNoise.of_team(
-            [each.noise for each in sensors],
-            row,
-            config.rate,
-            config.noise_correlation,
-            [each.missing for each in sensors],
-        ),
+        RowNoise.of_team(noises, row, config.rate, config.noise_correlation, missing),
         row / config.rate,
         SensorErrors.of(sheets, drift, anywhere),
         force_offset=offset("force_offset", drift.force),

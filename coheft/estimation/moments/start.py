@@ -96,29 +96,21 @@ class _Motion:
         self._number = number = float(moments.matrix[one, one])
         self._mean_row, self._mean = moments.matrix[one] / number, self._of_rows[one] / number
         self._noise, self._deviations = number * noise_of_motion, of_all
+        # Moments of the motion with itself, and with the rows of all robots, less those of their means.
+        self._varied = self._of_motion - number * np.outer(self._mean, self._mean)
+        self._varied_with = self._of_rows.T - number * np.outer(self._mean, self._mean_row)
         accelerations = np.arange(one).reshape(count, ROW_SIZE)[:, rows.A].ravel()
         spread = moments.matrix[accelerations, accelerations] - number * np.square(self._mean_row[accelerations])
         self._swaying = float(spread.sum()) / count  # sum of squared deviations of accelerations from their mean
-
-    def _varied(self, part: slice, other: slice) -> Array:
-        """Moments of parts of the motion with each other, less those of their means."""
-        result: Array = self._of_motion[part, other] - self._number * np.outer(self._mean[part], self._mean[other])
-        return result
-
-    def _varied_with(self, part: slice, entries: slice) -> Array:
-        """Moments of a part of the motion with a part of the row of all robots, less those of their means."""
-        means = np.outer(self._mean[part], self._mean_row[entries])
-        result: Array = self._of_rows[entries, part].T - self._number * means
-        return result
 
     def _unexplained(self, part: slice, entries: slice, by: slice, weak: float) -> Array:
         """Moments of a part of the motion with a part of the row, less what another part explains.
 
         ``M_pe - M_pb (M_bb + weak I)^-1 M_be``: the lever arm, an unknown factor of that part, has no effect on them.
         """
-        square = self._varied(by, by)
-        explained = np.linalg.solve(square + weak * np.eye(len(square)), self._varied_with(by, entries))
-        result: Array = self._varied_with(part, entries) - self._varied(part, by) @ explained
+        square = self._varied[by, by]
+        explained = np.linalg.solve(square + weak * np.eye(len(square)), self._varied_with[by, entries])
+        result: Array = self._varied_with[part, entries] - self._varied[part, by] @ explained
         return result
 
     def first_pose(self, robot: int) -> Pose:
@@ -143,7 +135,7 @@ class _Motion:
 
     def _attitude_profile(self, gyro: _Sensor, velocity: _Sensor, accelerometer: _Sensor) -> Array:
         """Attitude profile matrix ``K`` by gyros, velocities and gravity, which is the mean acceleration: (3, 3)."""
-        profile = 0.5 * self._varied_with(W, gyro.entries) / gyro.variance
+        profile = 0.5 * self._varied_with[W, gyro.entries] / gyro.variance
         by_velocity = self._unexplained(V, velocity.entries, W, _WEAK * gyro.variance)
         profile += 0.5 * by_velocity / velocity.variance
         gravity = np.outer(self._mean[A], self._mean_row[accelerometer.entries])
@@ -153,7 +145,7 @@ class _Motion:
     def _profile_by_varied_acceleration(self, accelerometer: _Sensor) -> Array:
         """Attitude profile matrix by deviations of accelerations from their mean, shape (3, 3)."""
         variance = accelerometer.variance
-        weak = _WEAK * self._varied(_TURNING, _TURNING).trace() + _WEAK * self._number * variance
+        weak = _WEAK * self._varied[_TURNING, _TURNING].trace() + _WEAK * self._number * variance
         result: Array = 0.5 * self._unexplained(A, accelerometer.entries, _TURNING, weak) / variance
         return result
 
@@ -162,9 +154,9 @@ class _Motion:
 
         ``sum (|w|^2 I - w w^T) p = sum w x (v - R v_i)``, with a weak pull to zero where the motion does not show it.
         """
-        square = self._varied(W, W)
+        square = self._varied[W, W]
         pull = 2.0 * self._number * gyro.variance + 2.0 * velocity.variance / POSE_LIMITS[3] ** 2
-        moment = self._varied(W, V) - self._varied_with(W, velocity.entries) @ rotation.T
+        moment = self._varied[W, V] - self._varied_with[W, velocity.entries] @ rotation.T
         crossed = (moment.T - moment)[[2, 0, 1], [1, 2, 0]]
         return np.linalg.solve((np.trace(square) + pull) * np.eye(3) - square, crossed)
 
