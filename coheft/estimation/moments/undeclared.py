@@ -23,7 +23,7 @@ from coheft.estimation.moments.chapter import Chapter, evidence_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
-from coheft.estimation.moments.unknowns import Indices, State, Unknowns
+from coheft.estimation.moments.unknowns import Flags, Indices, State, Unknowns
 from coheft.estimation.tolerance import SENSORS
 
 KINDS_OF_ONE_ROBOT = (
@@ -74,8 +74,6 @@ def undeclared_error(
         false_alarm: False-alarm probability for one robot and one kind of error.
     """
     declared, unknowns = settings.errors, estimate.body.unknowns
-    is_declared = unknowns.deviations > 0.0
-    names_declared = [{name for name, has_it in zip(declared.names, own, strict=True) if has_it} for own in is_declared]
     if (np.abs(estimate.state.eta[:, declared.are(*DELAYS)]) > _LATE).any():
         kinds = ()
     errors, body = declared, estimate.body
@@ -83,8 +81,10 @@ def undeclared_error(
         errors = _errors_of((*kinds, *declared.names))
         body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     # From here on, unknowns are those of the fit (at ``others``) and all errors to test (at ``tested``).
-    own = np.flatnonzero([name in declared.names for name in errors.names])
-    tests, others = _Tests.of(body, settings, kinds, names_declared), _places(body.unknowns, own)
+    own = np.flatnonzero(errors.are(*declared.names))
+    is_tested = np.tile(errors.are(*kinds), (body.count, 1))
+    is_tested[:, own] &= unknowns.deviations == 0.0
+    tests, others = _Tests.of(body, settings, is_tested), _places(body.unknowns, own)
 
     rows = evidence_of(body, chapter.evaluation()(body))
     before = chapter.prior_evidence(estimate.body)
@@ -93,9 +93,8 @@ def undeclared_error(
     solution = fitted.restricted(free).solve(settings.limits(unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
-    inverse = solution.inverse
     tested = tests.indices
-    gain = rows.information[np.ix_(tested, others[free])] @ inverse
+    gain = rows.information[np.ix_(tested, others[free])] @ solution.inverse
     score = rows.score[tested] - gain @ fitted.score[free]
 
     spread, square = rows.information + rows.noise, np.ix_(free, free)
@@ -125,13 +124,10 @@ class _Tests(NamedTuple):
     directions: Array
 
     @staticmethod
-    def of(body: BodyModel, settings: FitSettings, kinds: Sequence[str], declared: list[set[str]]) -> _Tests:
-        """Choose those of some kinds that a robot has not declared; ``body`` has all of them as unknowns."""
+    def of(body: BodyModel, settings: FitSettings, is_tested: Flags) -> _Tests:
+        """Of these sensor errors, shape (N, q), and of the offsets that are not declared; ``body`` has all of them."""
         unknowns, every = body.unknowns, np.arange(body.unknowns.size)
         names = unknowns.errors.names
-        is_tested = np.zeros((len(declared), len(names)), dtype=bool)
-        for robot, known in enumerate(declared):
-            is_tested[robot] = [name in kinds and name not in known for name in names]
         errors: list[tuple[int | None, str]] = [(robot, names[k]) for robot, k in np.argwhere(is_tested)[::3].tolist()]
         indices, directions = [unknowns.eta[is_tested]], np.zeros((0, 0, 3))
         if not settings.has_gyro_offset:
