@@ -1,4 +1,11 @@
-"""What becomes of rows while a robot's motion sensors contradict the team.
+"""Sensors that contradict the motion of the team: one innovation test per robot and window of rows, and what follows.
+
+    s_i = sum of whitened residuals r_i of k rows / sqrt(k),    s_i^T (I + k D)^-1 s_i ~ chi-square(12)
+
+``r_i`` is the reading of robot i less its prediction from the fused motion of all robots, in standard deviations. Pose
+errors contribute far less, as long as poses are known. ``D`` is the variance by which sensors have drifted since their
+offsets were found, in units of the noise. A sensor that is frozen, saturated, biased or late, a wrong clock, a robot
+that has let go, and one that lies all show here. Each robot decides alone: there is no vote.
 
 no contradiction -> one row only                   leave it out
                  -> a window of rows               take back the rows since its first; leave out all until it is over
@@ -10,9 +17,15 @@ from __future__ import annotations
 
 from enum import Enum, auto
 
-from coheft.agents.efficient.monitor import Monitor
+import numpy as np
+
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.rows import KINEMATICS_SIZE
+
+_WINDOWS = np.array([1, 2, 4, 8, 16])
+"""Numbers of newest rows that are tested."""
+_LONGEST = int(_WINDOWS[-1])
 
 
 class Use(Enum):
@@ -31,7 +44,7 @@ class Contradictions:
     Args:
         count: Number of robots.
         guards: Thresholds.
-        drift: See ``Monitor``.
+        drift: The diagonal of ``D``, shape (N, 12) or (1, 12).
         rows: After how many rows without a contradiction one is over (``confirming``), after how many it is another one
             if it returns (``calm``), and after how many it has lasted too long (``lasting``).
 
@@ -40,7 +53,10 @@ class Contradictions:
     """
 
     def __init__(self, count: int, guards: Guards, drift: Array, rows: RowCounts) -> None:
-        self._monitor = Monitor(count, guards, drift)
+        self._count, self._guards = count, guards
+        self._spread = 1.0 + _WINDOWS[:, None, None] * drift if drift.any() else None
+        self._summed = 0  # number of rows in the sums
+        self._sums = np.zeros((_LONGEST + 1, KINEMATICS_SIZE * count))  # after each of the newest rows, the newest last
         self._confirming, self._lasting, self._calm = rows.confirming, rows.lasting, rows.calm
         self.robot: int | None = None
         self._revision = 0
@@ -52,16 +68,16 @@ class Contradictions:
 
         Args:
             number: Number of the row.
-            residuals: See ``Monitor.add``.
+            residuals: Of all robots, in standard deviations, shape (12 N,).
             revision: Of the estimate; residuals at different ones are not summed.
 
         Returns:
             What to do with the row, and after ``BACK_TO_FIRST`` the number of the first row that contradicts.
         """
         if revision != self._revision:
-            self._monitor.forget()
+            self._forget()
         self._revision = revision
-        found, is_calm = self._monitor.add(residuals), number > self._newest + self._confirming
+        found, is_calm = self._worst(residuals), number > self._newest + self._confirming
         if found is None:
             if self.robot is None:
                 return Use.KEEP, number
@@ -71,7 +87,7 @@ class Contradictions:
             return Use.RESUME, number
         (robot, rows), is_new = found, self.robot is None
         self._newest = number
-        self._monitor.forget()
+        self._forget()
         if is_new and is_calm and rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
             return Use.LEAVE_OUT, number
         is_again = robot == self._last and number <= self._ended + self._calm
@@ -81,3 +97,30 @@ class Contradictions:
         if number - self._began > self._lasting:
             return Use.START_OVER, number
         return Use.BACK_TO_FIRST if is_new else Use.LEAVE_OUT, number - rows + 1
+
+    def _forget(self) -> None:
+        """Discard earlier residuals, because the estimate has changed or they have shown what they contain."""
+        self._summed = 0
+        self._sums[:] = 0.0
+
+    def _worst(self, residuals: Array) -> tuple[int, int] | None:
+        """Add residuals of a row.
+
+        Returns:
+            Of the worst contradiction, the index of the robot and the number of newest rows over which it shows; None
+            if there is none.
+        """
+        sums = self._sums
+        sums[:-1] = sums[1:]
+        sums[-1] += residuals
+        self._summed += 1
+        windows = _WINDOWS[: np.searchsorted(_WINDOWS, self._summed, side="right")]
+        summed = (sums[-1] - sums[-1 - windows]).reshape(len(windows), self._count, KINEMATICS_SIZE)
+        squares = np.square(summed)
+        if self._spread is not None:
+            squares /= self._spread[: len(windows)]
+        squares = squares.sum(axis=2) / windows[:, None]
+        index = int(squares.argmax())
+        window, robot = divmod(index, self._count)
+        is_contradiction = squares.flat[index] > self._guards.largest_contradiction
+        return (robot, int(windows[window])) if is_contradiction else None
