@@ -169,8 +169,7 @@ class ChangeDetector:
             if buffer.count < known.least:  # too few rows to find them
                 return None
             known.fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
-        now = known.estimate
-        assert now is not None
+        now = known.fitted
         guards, mass = self._guards, float(now.state.fitted_load[THETA.start])
         small = StepThresholds(self._rows.shortest, guards.least_small_step, guards.least_recent_step, mass)
         since, statistic, step = known.innovations.look_for_change(small)

@@ -76,6 +76,13 @@ class Knowledge:
             self._set_estimate(fit_state(prior.state, evaluate, before, prior.guess, settings, anchor, most_steps=1))
 
     @property
+    def fitted(self) -> Estimate:
+        """The estimate, of knowledge that has one."""
+        if self.estimate is None:
+            raise ValueError("there is no estimate; fit one first")
+        return self.estimate
+
+    @property
     def misses_poses(self) -> bool:
         """Whether the pose of any robot is unknown."""
         return self.estimate is None or self.estimate.misses_poses
@@ -120,10 +127,8 @@ class Knowledge:
 
     def posterior(self, missing: float = 0.0) -> Prior:
         """Everything that is known, as a prior for another team, whose first row is so much later [s]."""
-        assert self.estimate is not None
         self.bridge(missing)
-        is_after_gap = missing > self._guards.waiting
-        return replace(self._chapter.posterior(self.estimate), is_after_gap=is_after_gap)
+        return replace(self._chapter.posterior(self.fitted), is_after_gap=missing > self._guards.waiting)
 
     def undeclared_error(self) -> UndeclaredError | None:
         """Return the most significant sensor error with tolerance zero, or None; large teams look for fewer kinds."""
@@ -137,10 +142,7 @@ class Knowledge:
 
     def judge(self, load_before: KnownLoad | None = None) -> Verdict:
         """Judge the estimate, see ``judge.judge``."""
-        assert self.estimate is not None
-        return judge(
-            self.estimate, self.innovations, self.buffer, self._guards, self._settings, self.drift, load_before
-        )
+        return judge(self.fitted, self.innovations, self.buffer, self._guards, self._settings, self.drift, load_before)
 
     def judge_by_motion(self) -> Verdict:
         """Judge a fit to the motion alone, which becomes the estimate: wrenches that fit no load make poses wrong.
@@ -185,7 +187,7 @@ class Knowledge:
             body = settings.body(state)
             guess = Guess.of(body, self.buffer.moments()[1])
             state = first_load(state, evaluate(body).wrench, guess, settings)
-        found = self._fitted(state, guess, evaluate)
+        found = self._fit_from(state, guess, evaluate)
         self._set_estimate(found)
         self._unfitted = self.buffer.number_at(self.buffer.count if end is None else end)
         number = self.buffer.load_rows
@@ -210,7 +212,7 @@ class Knowledge:
         if has_changed:  # poses stay, so rows need not be evaluated anew
             self.estimate = replace(now, body=self._settings.body(state))
         else:
-            self._set_estimate(self._fitted(state, now.guess, chapter.evaluation()))
+            self._set_estimate(self._fit_from(state, now.guess, chapter.evaluation()))
         self._next_fit, self._pages.rows_before = least, 0  # a load that is known from few rows is fitted often
 
     def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
@@ -235,9 +237,8 @@ class Knowledge:
 
     def known_before(self, index: int) -> tuple[Estimate, Prior]:
         """Return the estimate from the rows before an index, and the same as a prior; changes nothing here."""
-        assert self.estimate is not None
-        chapter, evaluate = self._chapter, self._chapter.evaluation(index)
-        found = self._fitted(self.estimate.state, self.estimate.guess, evaluate)
+        chapter, now, evaluate = self._chapter, self.fitted, self._chapter.evaluation(index)
+        found = self._fit_from(now.state, now.guess, evaluate)
         return found, chapter.posterior(found, evaluate)
 
     def change_within(self) -> int | None:
@@ -249,9 +250,7 @@ class Knowledge:
 
     def known_from(self, prior: Prior) -> Estimate:
         """Return the estimate from a prior alone."""
-        found = Knowledge(self._count, self._anchor, self._settings, self._guards, prior).estimate
-        assert found is not None
-        return found
+        return Knowledge(self._count, self._anchor, self._settings, self._guards, prior).fitted
 
     def slipped(
         self, prior: Prior, robot: int, is_load: bool, rows: Iterable[tuple[int, Array]], past: Past, hidden: Flags
@@ -331,8 +330,7 @@ class Knowledge:
 
     def _end_page(self, missing: float = 0.0) -> None:
         """End the page, and inflate its prior for its time and for one without rows [s]."""
-        estimate, buffer, chapter, pages = self.estimate, self.buffer, self._chapter, self._pages
-        assert estimate is not None
+        estimate, buffer, chapter, pages = self.fitted, self.buffer, self._chapter, self._pages
         index = max(buffer.start, buffer.count - KEPT_ON_PAGE)
         seconds = pages.turn(index, buffer.number_at(index), missing)
         self._past = self.innovations.past
@@ -347,7 +345,7 @@ class Knowledge:
             return first_poses(kept, state, settings, is_unknown)
         return poses_by_motion(state, is_unknown, kept, evaluate, chapter.prior_evidence, settings, self._anchor)
 
-    def _fitted(self, state: State, guess: Guess, evaluate: EvaluateMoments) -> Estimate:
+    def _fit_from(self, state: State, guess: Guess, evaluate: EvaluateMoments) -> Estimate:
         return fit_state(state, evaluate, self._chapter.prior_evidence, guess, self._settings, self._anchor)
 
     def _set_estimate(self, estimate: Estimate) -> None:

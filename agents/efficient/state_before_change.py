@@ -64,9 +64,8 @@ class StateBeforeChange(NamedTuple):
 
     def with_load_of(self, known: Knowledge) -> StateBeforeChange:
         """Return the same at the present load, of which nothing was known: derivatives by poses depend on the load."""
-        assert known.estimate is not None
         load = self.estimate.state.fitted_load.copy()
-        load[THETA] = known.estimate.state.fitted_load[THETA]
+        load[THETA] = known.fitted.state.fitted_load[THETA]
         body = known.body_at(self.estimate.state.with_load(load))
         covariance, theta = self.covariance.copy(), body.unknowns.theta
         covariance[theta] = covariance[:, theta] = 0.0
