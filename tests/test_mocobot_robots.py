@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from coheft.agents.motion.via_points import ViaPointMotion
 from coheft.app.mocobots.record import SPHERE_TIME, circumcentre, sphere_references
 from coheft.errors import ScenarioError
-from coheft.estimation.batch.calibration import gimbal_angles
+from coheft.estimation.batch.wrist_poses import gimbal_angles
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
 from coheft.estimation.measurement import ACCELERATION, GYRO, TORQUE, WRENCH
 from coheft.physics_server.arms.encoders import Encoders

@@ -12,8 +12,7 @@ from rich.console import Console
 
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
-from coheft.app.mocobots.campaign import Mocobots, Trial, scenario_of
-from coheft.app.mocobots.paper import PAPER, ROWS
+from coheft.app.mocobots.campaign import PAPER, ROWS, Mocobots, Trial, scenario_of
 from coheft.app.mocobots.tables import markdown, print_tables, typical, worse_than_paper
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.calibration import gimbal_angles, gimbal_rotations
+from coheft.estimation.batch.wrist_poses import gimbal_angles, gimbal_rotations
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.schema import Scenario

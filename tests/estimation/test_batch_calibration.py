@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coheft.estimation.batch.calibrated_fit import CalibratedFit, cut_to_bounds
-from coheft.estimation.batch.calibration import UNIFORM_BOUND, Tolerances
+from coheft.estimation.batch.wrist_poses import UNIFORM_BOUND, Tolerances
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 

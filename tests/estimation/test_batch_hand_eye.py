@@ -10,17 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.calibration import (
+from coheft.estimation.batch.hand_eye import fit_hand_eye
+from coheft.estimation.batch.hand_eye_equations import UNKNOWNS, Guess, normal_equations, residuals_and_derivatives
+from coheft.estimation.batch.wrist_poses import (
     POSE_ERRORS,
     Tolerances,
+    WristPoses,
     corrected_poses,
     gimbal_angles,
     gimbal_axes,
     gimbal_rotations,
 )
-from coheft.estimation.batch.hand_eye import fit_hand_eye
-from coheft.estimation.batch.hand_eye_equations import UNKNOWNS, Guess, normal_equations, residuals_and_derivatives
-from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.body_motion import perturbation_between, perturbed
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from tests.estimation.batch_team import RATE, grasps, moving_recording

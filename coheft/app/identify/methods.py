@@ -7,7 +7,6 @@ import numpy as np
 
 from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
-from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
@@ -18,6 +17,7 @@ from coheft.estimation.batch.judge.band import cutoff_for
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
+from coheft.estimation.batch.wrist_poses import Tolerances
 
 _BEST = Options()
 

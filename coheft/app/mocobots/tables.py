@@ -6,8 +6,7 @@ import numpy as np
 from rich.console import Console
 
 from coheft.app.identify.choices import Method
-from coheft.app.mocobots.campaign import Mocobots, Noise
-from coheft.app.mocobots.paper import PAPER, ROWS
+from coheft.app.mocobots.campaign import PAPER, ROWS, Mocobots, Noise
 from coheft.app.study.tables import markdown_table
 from coheft.app.terminal.wide_table import bare_table, print_table
 from coheft.estimation.geometry.spatial import Array

@@ -21,12 +21,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri
 
-from coheft.estimation.batch.body import body_motions, regressor, total_wrench
-from coheft.estimation.batch.calibration import UNIFORM_BOUND, Tolerances
 from coheft.estimation.batch.inertia_fit import LinearFit, Prior, instrumental_fit, others, residual_variance
 from coheft.estimation.batch.payload import hidden_covariance
-from coheft.estimation.batch.signals import Signals
+from coheft.estimation.batch.signals import Signals, body_motions, regressor, total_wrench
 from coheft.estimation.batch.statistics import span_length
+from coheft.estimation.batch.wrist_poses import UNIFORM_BOUND, Tolerances
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 

@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.calibration import ANGLE_ERRORS, POSE_ERRORS, Tolerances
 from coheft.estimation.batch.hand_eye_equations import (
     ERRORS,
     GRASP,
@@ -30,7 +29,7 @@ from coheft.estimation.batch.hand_eye_equations import (
 )
 from coheft.estimation.batch.statistics import EXACT, scatter_of_sum
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.batch.wrist_poses import WristPoses
+from coheft.estimation.batch.wrist_poses import ANGLE_ERRORS, POSE_ERRORS, Tolerances, WristPoses
 from coheft.estimation.geometry.body_motion import perturbed
 from coheft.estimation.geometry.observability import LIMITS
 from coheft.estimation.geometry.spatial import Array, Pose

@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from coheft.estimation.batch.calibration import (
+from coheft.estimation.batch.wrist_poses import (
     ANGLE_SCALE,
     POSE_ERRORS,
     POSITION_SCALE,
     ZERO,
+    WristPoses,
     gimbal_angles,
     gimbal_axes,
     whole_turns,
 )
-from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.linear_algebra import inverse
 

@@ -13,9 +13,8 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.recording import Recording, RobotRecord
-from coheft.estimation.batch.signals import PAPER_CUTOFF, smooth_poses
+from coheft.estimation.batch.signals import PAPER_CUTOFF, smooth_poses, total_wrench
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 

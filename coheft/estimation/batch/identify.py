@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from coheft.estimation.batch.body import body_motions, centre_of, total_wrench
 from coheft.estimation.batch.holds import Statics, both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
@@ -13,7 +12,7 @@ from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
+from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals, body_motions, centre_of, total_wrench
 from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, unseen_covariance
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative

@@ -7,9 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.calibrated_fit import CalibratedFit, cut_to_bounds, fit_calibrated
-from coheft.estimation.batch.calibration import POSITION_SCALE, UNIFORM_BOUND, ZERO, Tolerances, corrected_poses
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
 from coheft.estimation.batch.identification import CalibrationFinding, Identification, unsettled
@@ -19,10 +17,18 @@ from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording, RobotRecord
-from coheft.estimation.batch.signals import CUTOFF, EDGE, signals_of
+from coheft.estimation.batch.signals import CUTOFF, EDGE, centre_of, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, unseen_covariance
-from coheft.estimation.batch.wrist_poses import LARGEST_TILT, WristPoses
+from coheft.estimation.batch.wrist_poses import (
+    LARGEST_TILT,
+    POSITION_SCALE,
+    UNIFORM_BOUND,
+    ZERO,
+    Tolerances,
+    WristPoses,
+    corrected_poses,
+)
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative, seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia

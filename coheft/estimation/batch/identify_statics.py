@@ -7,13 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.hand_eye import fit_hand_eye
 from coheft.estimation.batch.holds import Holds, Statics, orientations, static_estimate
 from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.pairs import kabsch
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import check_weight
+from coheft.estimation.batch.signals import total_wrench
 from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose

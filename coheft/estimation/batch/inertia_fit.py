@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.body import regressor
+from coheft.estimation.batch.signals import regressor
 from coheft.estimation.batch.statistics import scatter_of_sum
 from coheft.estimation.geometry.body_motion import BODY_ALPHA, BODY_W
 from coheft.estimation.geometry.spatial import Array

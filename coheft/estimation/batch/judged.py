@@ -7,7 +7,6 @@ from operator import attrgetter
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.identification import HiddenError, Identification, solid_density
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
@@ -15,11 +14,12 @@ from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import judge_gravity, judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import spiking_sensor, stuck_motion, stuck_sensor
-from coheft.estimation.batch.judge.units import KGF, LBF
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
+from coheft.estimation.batch.judge.words import KGF, LBF
 from coheft.estimation.batch.payload import Payload, make_payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import centre_of
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.derivatives import central_derivative
 

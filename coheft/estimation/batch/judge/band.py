@@ -23,7 +23,8 @@ HIGHEST = 0.16
 _MOTION_POWER = 0.98
 _WIDER = 1.3
 _FEWEST, _MOST_BANDS, _PER_BAND = 3, 12, 8
-_FEW_ABOVE = 60
+FEW_ABOVE = 60
+"""Numbers above the band that tell the level of noise there."""
 _HIGHEST_CUTOFF = 12.0
 """No robot moves a load so fast that it needs a higher one [Hz]."""
 _FAST = 1e-4
@@ -73,7 +74,7 @@ def _above(count: int, rate: float, cutoff: float) -> npt.NDArray[np.bool_] | No
     """Which frequencies of so many samples are just above the band; None if there are too few."""
     frequency = np.fft.rfftfreq(count, 1.0 / rate)
     chosen = (frequency >= _NOISE[0] * cutoff) & (frequency <= _NOISE[1] * cutoff)
-    if _NOISE[1] * cutoff > 0.45 * rate or np.count_nonzero(chosen) < _FEW_ABOVE // 4:
+    if _NOISE[1] * cutoff > 0.45 * rate or np.count_nonzero(chosen) < FEW_ABOVE // 4:
         return None
     return chosen
 
@@ -164,6 +165,10 @@ class Band:
         spectrum = self.spread(residual)
         return float(np.sum(residual.shape[-1] * np.log(spectrum) + np.sum(residual**2, axis=-1) / spectrum))
 
+    def above(self, residual: Array) -> Array:
+        """The part of whitened residuals (K, g, c) that is above the band of the motion."""
+        return residual[min(int(_WIDER * self.moving), len(residual)) :]
+
     def excess(self, residual: Array, unknowns: int) -> tuple[float, float]:
         """Compare whitened residuals (K, g, c) in the band of the motion with noise, or with those above the band.
 
@@ -172,6 +177,6 @@ class Band:
         """
         count = residual[: self.moving].size
         inside = float(np.sum(residual[: self.moving] ** 2)) / max(count - unknowns, 1)
-        rest = residual[min(int(_WIDER * self.moving), len(residual)) :]
-        above = float(np.mean(rest**2)) if rest.size > _FEW_ABOVE else 1.0
+        rest = self.above(residual)
+        above = float(np.mean(rest**2)) if rest.size > FEW_ABOVE else 1.0
         return (inside / max(1.0, above) - 1.0) * np.sqrt(max(count - unknowns, 1) / 2.0), inside

@@ -5,20 +5,17 @@ the same all the time. Faults leave residuals at the frequencies of the motion, 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from scipy.fft import idct
 from scipy.optimize import minimize
 
+from coheft.estimation.batch.judge.band import FEW_ABOVE
 from coheft.estimation.batch.judge.wrench_misfit import Fit, WrenchMisfit
 from coheft.estimation.geometry.spatial import Array
 
 _SURE, _CHANCE = 6.0, 5.0
 """Standard deviations of what is no chance, and of what may be."""
-_WIDER = 1.3
-_FEW = 60
 _LARGEST = 20.0
 """Limit of logarithms."""
 _LITTLE = 0.1
@@ -38,9 +35,14 @@ def colour_of(misfit: WrenchMisfit, faults: Sequence[tuple[Fit, float]]) -> tupl
     """
     if not _reaches_beyond(misfit.plain.residual, misfit):
         return None
-    found = [_Coloured.of(fit, cost, misfit.band.frequency) for fit, cost in [(misfit.plain, 0.0), *faults]]
-    best = min(found, key=lambda one: one.misfit)
-    residual, colour = best.residual, best.colour
+    least = np.inf
+    for fit, cost in [(misfit.plain, 0.0), *faults]:
+        power = np.mean(fit.residual**2, axis=-1)
+        smooth = [_smooth(misfit.band.frequency, own) for own in power.T]
+        spectrum = np.stack([own for own, _ in smooth], axis=-1)
+        found = 3.0 * float(np.sum(np.log(spectrum) + power / spectrum)) + cost
+        if found < least:
+            least, residual, colour, time = found, fit.residual, spectrum, max(span for _, span in smooth)
     if not _reaches_beyond(residual, misfit):
         return None
     relative = np.mean(residual**2, axis=-1) / colour
@@ -51,31 +53,13 @@ def colour_of(misfit: WrenchMisfit, faults: Sequence[tuple[Fit, float]]) -> tupl
     for part in np.array_split(over_time, _PARTS):
         if part.mean() > 1.0 + _CHANCE * np.sqrt(2.0 / part.size):
             return None
-    return colour, best.time
+    return colour, time
 
 
 def _reaches_beyond(residual: Array, misfit: WrenchMisfit) -> bool:
     """Whether a residual is larger than white noise also above the band of the motion."""
-    above = residual[min(int(_WIDER * misfit.band.moving), len(residual)) :]
-    return above.size > _FEW and float(np.mean(above**2)) > 1.0 + _SURE * np.sqrt(2.0 / above.size)
-
-
-@dataclass(frozen=True, eq=False)
-class _Coloured:
-    """A residual (K, 2, 3), the smooth power of its noise (K, 2), the time of its correlation, and its misfit."""
-
-    residual: Array
-    colour: Array
-    time: float
-    misfit: float
-
-    @classmethod
-    def of(cls, fit: Fit, cost: float, frequency: Array) -> Self:
-        power = np.mean(fit.residual**2, axis=-1)
-        found = [_smooth(frequency, own) for own in power.T]
-        colour = np.stack([own for own, _ in found], axis=-1)
-        misfit = 3.0 * float(np.sum(np.log(colour) + power / colour)) + cost
-        return cls(fit.residual, colour, max(time for _, time in found), misfit)
+    above = misfit.band.above(residual)
+    return above.size > FEW_ABOVE and float(np.mean(above**2)) > 1.0 + _SURE * np.sqrt(2.0 / above.size)
 
 
 def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:

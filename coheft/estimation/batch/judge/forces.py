@@ -18,9 +18,8 @@ from coheft.estimation.batch.judge.sensors import (
     silent_sensor,
 )
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
-from coheft.estimation.batch.judge.units import is_likely
 from coheft.estimation.batch.judge.verdict import ALL, Cause, Verdict
-from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
+from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_likely, is_unit_of_all, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.batch.signals import signals_of
 from coheft.estimation.geometry.spatial import Array
@@ -114,19 +113,19 @@ def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdi
         return broken
     unlike = (one for one in found if one.cause is not best.cause)
     second = next(one for one in unlike if one in mending or one.gain < best.gain)  # others leave more than noise
-    robot, words = words_of(best, recording, misfit)
+    robot, words = words_of(best, misfit)
     if best.cause is Cause.GRAVITY:
         off, wrong = _not_level(suspects.homes @ recording.gravity, best.value, evidence)
         if 0 < len(wrong) < len(off):
             robot = wrong[0] if len(wrong) == 1 else None
             words = f"the home frame of {', '.join(wrong)} is tilted, by {max(off):.3g} degrees against gravity"
     margin = best.gain - second.gain
-    is_open = is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
+    is_open = is_ambiguous(best, len(recording.names)) or (is_unit_of_all(best) and best.cause != assumed)
     alike = [] if is_open else [one for one in confirmed if one is not best and one.cause is best.cause]
     is_open = is_open or any(_apart(best.fit, one.fit) > _ALIKE for one in alike)
     mass = None if is_open else best.fit.mass
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
-    others = [words_of(one, recording, misfit) for one in alike]
+    others = [words_of(one, misfit) for one in alike]
     rest = "".join(f"; or {each}" for _, each in others) + (": which of these is not known" if others else "")
     if margin < _CLOSE:
         rest += f"; another fault, {second.cause.value}, explains it nearly as well"
@@ -157,7 +156,7 @@ def _unexplained(found: Sequence[Suspect], misfit: WrenchMisfit) -> Verdict:
     return Verdict(
         Cause.UNKNOWN,
         words=f"{_misfits(plain)}, most at {misfit.signals.time[worst]:.1f} s, and no single cause explains it; the "
-        f"likeliest is that {words_of(likeliest, misfit.evidence.recording, misfit)[1]}. Are the robots calibrated "
+        f"likeliest is that {words_of(likeliest, misfit)[1]}. Are the robots calibrated "
         f"(--calibrate)? Did something happen meanwhile (choose a part with --from and --to){carried}?",
         ratio=float(np.sqrt(plain.inside)),
         margin=likeliest.gain - second.gain,

@@ -8,12 +8,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coheft.estimation.batch.body import body_motions
 from coheft.estimation.batch.inertia_fit import others
 from coheft.estimation.batch.judge.band import Band
-from coheft.estimation.batch.judge.evidence import Evidence
-from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
+from coheft.estimation.batch.judge.evidence import Evidence, acceleration_noise, level_of
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
+from coheft.estimation.batch.signals import body_motions
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W, grasp_derivatives
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 

@@ -4,7 +4,7 @@ A fault adds columns to the regressor, or changes the total wrench or the motion
 cost, which grows with the number of its unknowns, and with the number of robots that may have it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -14,12 +14,11 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
-from coheft.estimation.batch.body import regressor, total_wrench
 from coheft.estimation.batch.judge.mend import about_grasp
 from coheft.estimation.batch.judge.turned import fit_turned
 from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, REWEIGHTINGS, Fit, WrenchMisfit
-from coheft.estimation.batch.signals import signals_of
+from coheft.estimation.batch.signals import regressor, signals_of, total_wrench
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
@@ -182,9 +181,8 @@ class Suspects:
         turned = np.einsum("knji,knhj->knhi", rotation, halves).reshape(self._misfit.wrenches.shape)
         for halves_turned in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
             mixed = np.where(np.repeat(halves_turned, 3) == 1.0, turned, self._misfit.wrenches)
-            for robot, robots in self._one_or_all.items():
-                fit = self._misfit.fit(total=self._misfit.total_with(robots, mixed))
-                yield self._suspect(Cause.BASE_AXES, robot, fit, 1, np.array(halves_turned))
+            for robot in self._one_or_all:
+                yield self._with_readings(Cause.BASE_AXES, robot, mixed, halves_turned)
 
     def _home_moments(self) -> Iterator[Suspect]:
         """Moments about the origin of the home frame, in the axes of the grasp frame or of the home frame."""
@@ -194,24 +192,26 @@ class Suspects:
             for name in recording.names:
                 recording = about_grasp(recording, name, is_turned=is_turned)
             moved = signals_of(recording, evidence.cutoff).wrench
-            for robot, robots in self._one_or_all.items():
-                fit = self._misfit.fit(total=self._misfit.total_with(robots, moved))
-                yield self._suspect(Cause.HOME_MOMENTS, robot, fit, 1, np.array([float(is_turned)]))
+            for robot in self._one_or_all:
+                yield self._with_readings(Cause.HOME_MOMENTS, robot, moved, [float(is_turned)])
 
     def _exchanged(self) -> Iterator[Suspect]:
         """One robot's moments given as forces and forces as moments; if all have it, it is found before."""
         for robot in range(self._count):
-            total = self._misfit.total_with([robot], self._misfit.wrenches[..., [3, 4, 5, 0, 1, 2]])
-            yield self._suspect(Cause.EXCHANGED, robot, self._misfit.fit(total=total), 1)
+            yield self._with_readings(Cause.EXCHANGED, robot, self._misfit.wrenches[..., [3, 4, 5, 0, 1, 2]], [])
 
     def _swapped(self) -> Iterator[Suspect]:
         """Two robots' wrenches given for each other's."""
         for one, other in combinations(range(self._count), 2):
             order = np.arange(self._count)
             order[[one, other]] = other, one
-            total = self._misfit.total_with([one, other], self._misfit.wrenches[order])
-            found = self._suspect(Cause.SWAPPED, None, self._misfit.fit(total=total), 1, np.array([one, other]))
+            found = self._with_readings(Cause.SWAPPED, None, self._misfit.wrenches[order], [one, other])
             yield replace(found, gain=found.gain - 2.0 * self._robot_cost)
+
+    def _with_readings(self, cause: Cause, robot: int | None, wrenches: Array, value: Sequence[float]) -> Suspect:
+        """A fault without which this robot, or all, would have read these wrenches (N, n, 6)."""
+        total = self._misfit.total_with(self._one_or_all[robot], wrenches)
+        return self._suspect(cause, robot, self._misfit.fit(total=total), 1, np.array(value))
 
     def _turned(self) -> Iterator[Suspect]:
         """Sensors whose axes are rotated or exchanged."""
