@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.holds import Statics
+from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array, Pose
 
 MASS, COM = 6.0, np.array([0.1, -0.05, 0.08])
@@ -18,7 +18,7 @@ _HOMES = Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.0, 0.0, 2.2], [0.0, 0.0, -1.3
 TILTS = np.array([[0, 0, 0], [0.6, 0, 0], [-0.5, 0.1, 0.3], [0, 0.6, 0], [0.1, -0.6, 0.2], [0.4, 0.4, -0.4]])
 
 
-def statics(seed: int = 0, noise: float = 1.0, tilts: Array = TILTS) -> Statics:
+def statics(seed: int = 0, noise: float = 1.0, tilts: Array = TILTS) -> Recording:
     """Holds with noise of 0.1 mm, 0.2 mrad, 0.1 N, 0.01 N·m, times ``noise``."""
     rng = np.random.default_rng(seed)
     load = Rotation.from_rotvec(tilts)
@@ -27,11 +27,12 @@ def statics(seed: int = 0, noise: float = 1.0, tilts: Array = TILTS) -> Statics:
     inner = rng.normal(size=(3, len(tilts), 3))
     forces = lift / 3.0 + inner - inner.mean(axis=0)
     moments = np.cross(COM, lift) - np.cross(_PLACES[:, None], forces).sum(axis=0)
-    poses, wrenches = [], []
-    for turn, place, home, force in zip(_TURNS, _PLACES, _HOMES, forces, strict=True):
+    robots, time = {}, np.arange(len(tilts), dtype=np.float64)
+    for name, turn, place, home, force in zip(NAMES, _TURNS, _PLACES, _HOMES, forces, strict=True):
         own = home.inv() * load * turn * Rotation.from_rotvec(2e-4 * noise * rng.normal(size=(len(tilts), 3)))
         where = home.inv().apply(origin + load.apply(place)) + 1e-4 * noise * rng.normal(size=(len(tilts), 3))
-        poses.append(np.hstack([where, own.as_quat()]))
+        pose = np.hstack([where, own.as_quat()])
         measured = np.hstack([turn.inv().apply(force), turn.inv().apply(moments / 3.0)])
-        wrenches.append(measured + noise * np.repeat([0.1, 0.01], 3) * rng.normal(size=measured.shape))
-    return Statics(NAMES, np.array(poses), np.array(wrenches), np.array([0.0, 0.0, -9.81]))
+        measured += noise * np.repeat([0.1, 0.01], 3) * rng.normal(size=measured.shape)
+        robots[name] = RobotRecord(time, pose=pose, wrench=measured)
+    return Recording(robots)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from coheft.app.identify.choices import Options
 from coheft.app.identify.evaluate import read_holds
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
-from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identify_statics import identify_statics
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array
@@ -25,9 +23,9 @@ from tests import bar
 from tests.statics import COM, GRASPS, MASS, NAMES, TILTS, statics
 
 
-def write_lines(folder: Path, held: Statics, time: Array | None = None, samples: int = 1) -> None:
+def write_lines(folder: Path, held: Recording, time: Array | None = None, samples: int = 1) -> None:
     """CSV files, with some samples of each hold, and maybe times."""
-    for name, pose, wrench in zip(held.names, held.pose, held.wrench, strict=True):
+    for name, pose, wrench in zip(held.names, held.stacked("pose"), held.stacked("wrench"), strict=True):
         header = [*(["t"] if time is not None else []), *COLUMNS["pose"], *COLUMNS["wrench"]]
         rows = np.repeat(np.hstack([pose, wrench[:, 3:], wrench[:, :3]]), samples, axis=0)
         rows = rows if time is None else np.column_stack([time, rows])
@@ -70,16 +68,16 @@ def test_holds_are_read_as_people_record_them(tmp_path: Path, time: Array | None
     written = statics()
     write_lines(tmp_path, written, time, samples)
     read = read_holds(tmp_path, NAMES)
-    np.testing.assert_allclose(read.pose[..., :3], written.pose[..., :3])
-    np.testing.assert_allclose(np.abs(np.einsum("rhi,rhi->rh", read.pose[..., 3:], written.pose[..., 3:])), 1.0)
-    np.testing.assert_allclose(read.wrench, written.wrench)
+    pose, expected = read.stacked("pose"), written.stacked("pose")
+    np.testing.assert_allclose(pose[..., :3], expected[..., :3])
+    np.testing.assert_allclose(np.abs(np.einsum("rhi,rhi->rh", pose[..., 3:], expected[..., 3:])), 1.0)
+    np.testing.assert_allclose(read.stacked("wrench"), written.stacked("wrench"))
 
 
 def test_quaternions_of_three_digits_do_not_turn_from_line_to_line(tmp_path: Path) -> None:
     """Their norms differ from one, by more than the cosine of small angles does."""
-    held = statics()
-    write_lines(tmp_path, replace(held, pose=np.round(held.pose, 3)), still_seconds(), 50)
-    assert read_holds(tmp_path, NAMES).pose.shape == (3, 6, 7)
+    write_lines(tmp_path, statics().changed("pose", lambda pose: np.round(pose, 3)), still_seconds(), 50)
+    assert read_holds(tmp_path, NAMES).stacked("pose").shape == (3, 6, 7)
 
 
 def test_lines_without_times_are_in_no_unit(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -89,8 +87,7 @@ def test_lines_without_times_are_in_no_unit(tmp_path: Path, caplog: pytest.LogCa
 
 
 def test_holds_in_one_orientation_are_counted(tmp_path: Path) -> None:
-    held = bar_held()
-    same = replace(held, pose=held.pose[:, [0, 0, 0]], wrench=held.wrench[:, [0, 0, 0]])
+    same = bar_held().changed("pose", lambda pose: pose[[0, 0, 0]]).changed("wrench", lambda wrench: wrench[[0, 0, 0]])
     with pytest.raises(RecordingError, match=r"found 1 in 3 holds\. Hold it in others as well, .* without --holds"):
         identify(moving(0.2), Options(method="pose"), statics=same)
 
@@ -127,14 +124,13 @@ def moving(noise: float) -> Recording:
     )
 
 
-def bar_held(offset: float = 0.0) -> Statics:
+def bar_held(offset: float = 0.0) -> Recording:
     """The bar at some of its poses, as if it were held there; each robot's force may be too large by an offset [N]."""
     time = np.array([0.5, 1.7, 3.1, 4.4, 6.0])
     exact = bar.wrenches(time)
     wrench = np.hstack([exact[:, :3], np.zeros((5, 3))]) + [0.0, 0.0, offset, 0.0, 0.0, 0.0]
-    poses = np.array([bar.poses(time, name) for name in bar.ENDS])
     wrench += 1e-3 * np.random.default_rng(1).normal(size=wrench.shape)
-    return Statics(tuple(bar.ENDS), poses, np.array([wrench] * 2), np.array([0.0, 0.0, -9.81]))
+    return Recording({name: RobotRecord(time, pose=bar.poses(time, name), wrench=wrench) for name in bar.ENDS})
 
 
 @pytest.mark.parametrize("method", ["pose", "instruments", "batch"])
@@ -160,10 +156,8 @@ def test_holds_of_another_load_are_suspected() -> None:
 
 
 def test_forces_across_gravity_are_suspected() -> None:
-    held = statics()
-    wrench = held.wrench.copy()
-    wrench[1] = wrench[1][:, [1, 2, 0, 4, 5, 3]]
-    assert any("N across it" in doubt for doubt in identify_statics(replace(held, wrench=wrench)).doubts)
+    held = statics().changed("wrench", lambda wrench: wrench[:, [1, 2, 0, 4, 5, 3]], NAMES[1])
+    assert any("N across it" in doubt for doubt in identify_statics(held).doubts)
 
 
 @pytest.mark.parametrize(
@@ -201,8 +195,7 @@ def test_holds_of_any_orientation_are_used() -> None:
 
 
 def test_a_load_that_turns_within_a_hold_is_refused(tmp_path: Path) -> None:
-    held = statics()
-    pose, wrench = held.pose[:, [0, 0, 1, 1, 1, 1]], held.wrench
-    write_lines(tmp_path, replace(held, pose=pose, wrench=wrench), np.array([0.0, 0.01, 0.02, 5.0, 5.01, 5.02]))
+    held = statics().changed("pose", lambda pose: pose[[0, 0, 1, 1, 1, 1]])
+    write_lines(tmp_path, held, np.array([0.0, 0.01, 0.02, 5.0, 5.01, 5.02]))
     with pytest.raises(RecordingError, match=r"hold 1, samples 1 to 3: the load turns by \d+°, expected one that is"):
         read_holds(tmp_path)

@@ -1,7 +1,7 @@
 """Identification of a load from any recording, in files or in arrays, for the command and the Python interface."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from coheft.app.identify.choices import Bounds, Options
 from coheft.app.identify.methods import identify, part_of
 from coheft.errors import RecordingError, UsageError, recording_errors
-from coheft.estimation.batch.holds import Statics
+from coheft.estimation.batch.holds import means_in_holds
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
 from coheft.wire.data.file import read_recording, recording_of
@@ -46,16 +46,15 @@ def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) ->
             raise UsageError(f"--{name.replace('_', '-')} {bound:g}: expected a bound from 0 to less than {most:g}")
     if is_static and (holds is not None or options.from_ is not None or options.to is not None):
         raise UsageError("--method static takes all holds of RECORDING: leave --holds, --from and --to out")
-    statics: Statics | None = None
+    statics: Recording | None = None
     if isinstance(recording, Mapping):
         if options.topics:
             raise UsageError("--topics chooses among those of an MCAP file or a bag of ROS, but arrays have none")
         with recording_errors(ARRAYS):
             statics = statics_of(recording) if is_static else None
-            recorded = statics.as_recording() if statics else recording_of(recording)
+            recorded = statics or recording_of(recording)
     elif is_static and not options.topics:
-        statics = read_holds(recording)
-        recorded = statics.as_recording()
+        recorded = statics = read_holds(recording)
     else:
         recorded = read_any(recording, options.topics)
     if holds is not None:
@@ -90,14 +89,18 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
     return read_recording(path)
 
 
-def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
+def read_holds(path: Path, names: Sequence[str] | None = None) -> Recording:
     """Read holds that were recorded separately, from any recording, or from a file with a line for each hold.
 
-    ``names`` are the expected robots in their order; None for any.
+    ``names`` are the expected robots in their order; None for any. The means in holds are its samples.
     """
     with recording_errors(path):
-        statics = Statics.of_recording(read_any(path)) if _is_of_topics(path) else read_statics(path)
-        return statics if names is None else statics.of(names)
+        means = means_in_holds(read_any(path)) if _is_of_topics(path) else read_statics(path)
+        if names is None:
+            return means
+        if sorted(names) != sorted(means.names):
+            raise RecordingError(f"found holds of {', '.join(means.names)}, expected those of {', '.join(names)}")
+        return replace(means, robots={name: means.robots[name] for name in names})
 
 
 def files_of(path: Path) -> list[Path]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
-from coheft.estimation.batch.holds import Statics
+from coheft.estimation.batch.holds import means_in_holds
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
@@ -48,10 +48,10 @@ def part_of(recording: Recording, start: float | None, end: float | None) -> Rec
     return recording.between(float(time[0] if start is None else start), float(time[-1] if end is None else end))
 
 
-def identify(recording: Recording, options: Options = _BEST, statics: Statics | None = None) -> Identification:
+def identify(recording: Recording, options: Options = _BEST, statics: Recording | None = None) -> Identification:
     """Identify the load, and judge the recording.
 
-    ``statics`` are holds of the same robots that were recorded separately.
+    ``statics`` are the means in holds of the same robots that were recorded separately.
 
     Raises:
         RecordingError: The recording lacks what the method needs, or its numbers make the computation fail.
@@ -78,7 +78,7 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
     return replace(found, remarks=(*found.remarks, remark))
 
 
-def _check(method: Method, options: Options, statics: Statics | None) -> None:
+def _check(method: Method, options: Options, statics: Recording | None) -> None:
     if options.calibrate and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
     if options.calibrate and statics is not None:
@@ -90,14 +90,14 @@ def _check(method: Method, options: Options, statics: Statics | None) -> None:
 
 
 def fitted(
-    recording: Recording, method: Method, options: Options = _BEST, statics: Statics | None = None
+    recording: Recording, method: Method, options: Options = _BEST, statics: Recording | None = None
 ) -> Identification:
     """Identify the load by a method without judging the recording; arguments and errors as of ``identify``."""
     match method:
         case "batch":
             return identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics)
         case "static":
-            return identify_statics(statics or Statics.of_recording(recording))
+            return identify_statics(statics or means_in_holds(recording))
         case "instruments":
             found = identify_with_instruments(recording, options.cutoff or CUTOFF)
         case "pose":

@@ -3,10 +3,8 @@
 Mass and centre of mass follow from holds (Zhang et al., sec. III-C).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
@@ -159,63 +157,36 @@ def _excess(residuals: Array, degrees: int, variance: float) -> float:
     return squares / degrees - variance
 
 
-@dataclass(frozen=True, eq=False)
-class Statics:
-    """Mean measurements of N robots in H holds.
+def means_in_holds(recording: Recording, spans: Sequence[tuple[int, int]] | None = None) -> Recording:
+    """Mean poses and wrenches in holds, one sample for each, whose times are the numbers of the holds.
 
-    Attributes:
-        names: Names of the robots.
-        pose: Poses of grasp frames in home frames, as in ``RobotRecord``, shape (N, H, 7).
-        wrench: ``(f, t)`` on the load, shape (N, H, 6).
-        gravity: Gravity in the home frames, whose z axes are parallel, shape (3,) [m/s²].
+    ``spans`` are the first and one past the last sample of each hold; None: ``held_spans``.
     """
-
-    names: tuple[str, ...]
-    pose: Array
-    wrench: Array
-    gravity: Array
-
-    @staticmethod
-    def of_recording(recording: Recording, spans: Sequence[tuple[int, int]] | None = None) -> Statics:
-        """Means of samples over holds, from first to one past last sample each; None: ``held_spans``."""
-        if spans is None and not (spans := held_spans(recording)):
-            raise RecordingError(
-                f"the load is never held still from {recording.span}: expected forces that change by less than 0.5 N "
-                f"for 6 s, or 'holds' that say when"
-            )
-        pose, wrench = recording.stacked("pose"), recording.stacked("wrench")
-        poses, wrenches = np.empty((len(pose), len(spans), 7)), np.empty((len(pose), len(spans), 6))
+    if spans is None and not (spans := held_spans(recording)):
+        raise RecordingError(
+            f"the load is never held still from {recording.span}: expected forces that change by less than 0.5 N "
+            f"for 6 s, or 'holds' that say when"
+        )
+    robots = {}
+    for name, pose, wrench in zip(recording.names, recording.stacked("pose"), recording.stacked("wrench"), strict=True):
+        means = []
         for number, (start, end) in enumerate(spans, 1):
-            wrenches[:, number - 1] = wrench[:, start:end].mean(axis=1)
-            for own, means in zip(pose[:, start:end], poses[:, number - 1], strict=True):
-                rotations = Rotation.from_quat(own[:, 3:])
-                mean = rotations.mean()
-                turn = float((mean.inv() * rotations).magnitude().max())
-                if turn > _SAME:
-                    raise RecordingError(
-                        f"hold {number}, samples {start + 1} to {end}: the load turns by {np.degrees(turn):.2g}°, "
-                        f"expected one that is held still, within {np.degrees(_SAME):g}°"
-                    )
-                means[:3], means[3:] = own[:, :3].mean(axis=0), mean.as_quat()
-        return Statics(recording.names, poses, wrenches, recording.gravity)
+            rotations = Rotation.from_quat(pose[start:end, 3:])
+            mean = rotations.mean()
+            turn = float((mean.inv() * rotations).magnitude().max())
+            if turn > _SAME:
+                raise RecordingError(
+                    f"hold {number}, samples {start + 1} to {end}: the load turns by {np.degrees(turn):.2g}°, "
+                    f"expected one that is held still, within {np.degrees(_SAME):g}°"
+                )
+            means.append(np.concatenate([pose[start:end, :3].mean(axis=0), mean.as_quat()]))
+        wrenches = np.array([wrench[start:end].mean(axis=0) for start, end in spans])
+        robots[name] = RobotRecord(np.arange(len(spans), dtype=np.float64), pose=np.array(means), wrench=wrenches)
+    return Recording(robots, gravity=recording.gravity)
 
-    def of(self, names: Sequence[str]) -> Statics:
-        """The same holds with the robots in this order."""
-        if sorted(names) != sorted(self.names):
-            raise RecordingError(f"found holds of {', '.join(self.names)}, expected those of {', '.join(names)}")
-        order = [self.names.index(name) for name in names]
-        return replace(self, names=tuple(names), pose=self.pose[order], wrench=self.wrench[order])
 
-    def as_holds(self) -> Holds:
-        """The same measurements with gravity in the grasp frames."""
-        flat = Rotation.from_quat(self.pose[..., 3:].reshape(-1, 4))
-        down = flat.inv().apply(self.gravity).reshape(*self.pose.shape[:2], 3)
-        wrench = self.wrench.swapaxes(0, 1)
-        return Holds(spans=(), down=down.swapaxes(0, 1), wrench=wrench, scatter=np.zeros_like(wrench))
-
-    def as_recording(self) -> Recording:
-        """A recording with one sample per hold; its times are the numbers of the holds."""
-        time = np.arange(self.pose.shape[1], dtype=np.float64)
-        samples = zip(self.names, self.pose, self.wrench, strict=True)
-        robots = {name: RobotRecord(time, pose=pose, wrench=wrench) for name, pose, wrench in samples}
-        return Recording(robots, gravity=self.gravity)
+def holds_of_means(means: Recording) -> Holds:
+    """The same measurements with gravity in the grasp frames; nothing is known of the samples' noise."""
+    pose, wrench = means.stacked("pose"), means.stacked("wrench").swapaxes(0, 1)
+    down = Rotation.from_quat(pose[..., 3:].reshape(-1, 4)).inv().apply(means.gravity).reshape(*pose.shape[:2], 3)
+    return Holds(spans=(), down=down.swapaxes(0, 1), wrench=wrench, scatter=np.zeros_like(wrench))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coheft.estimation.batch.holds import Statics, both_holds, holds_of, static_estimate
+from coheft.estimation.batch.holds import both_holds, holds_of, holds_of_means, static_estimate
 from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
@@ -25,14 +25,14 @@ _BIASED = 2.0
 
 
 def identify_batch(
-    recording: Recording, cutoff: float = PAPER_CUTOFF, statics: Statics | None = None
+    recording: Recording, cutoff: float = PAPER_CUTOFF, statics: Recording | None = None
 ) -> Identification:
-    """Identify by sequential least squares (Zhang et al., sec. III), with ``statics`` beside the recording's holds."""
+    """Identify by sequential least squares (Zhang et al., sec. III), with means in other holds besides."""
     signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=False)
     holds = holds_of(recording, cutoff)
     if statics is not None:
-        holds = both_holds(holds, statics.as_holds())
+        holds = both_holds(holds, holds_of_means(statics))
     motions = body_motions(signals, team.poses)
     static, spread = static_estimate(holds, team.poses)
 

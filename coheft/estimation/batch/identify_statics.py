@@ -8,11 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.hand_eye import fit_hand_eye
-from coheft.estimation.batch.holds import Holds, Statics, orientations, static_estimate
+from coheft.estimation.batch.holds import Holds, holds_of_means, orientations, static_estimate
 from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.pairs import kabsch
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import check_weight
+from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import total_wrench
 from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses
 from coheft.estimation.batch.wrist_poses import WristPoses
@@ -31,18 +32,18 @@ _APART = 7.0
 """Standard deviations by which holds and motion may differ; the deviations from few holds are uncertain."""
 
 
-def identify_statics(statics: Statics) -> Identification:
-    """Identify grasps from poses, mass and centre of mass from wrenches; the inertia is not observable."""
-    count = statics.pose.shape[1]
+def identify_statics(statics: Recording) -> Identification:
+    """Identify grasps, mass and centre of mass from means in holds; the inertia is not observable."""
+    count = len(statics.time)
     if count < _FEWEST:
         raise RecordingError(
             f"found {count} holds, expected at least {_FEWEST}: where robots hold the load follows from how their "
             f"poses change between orientations of it"
         )
-    holds = statics.as_holds()
-    check_weight(statics.as_recording(), statics.wrench, -holds.down.swapaxes(0, 1))
-    starts = [Pose.identity(), *(_grasp(statics.pose[0], pose) for pose in statics.pose[1:])]
-    grasps = fit_hand_eye(WristPoses.of(statics.pose, 1.0, at_home=False), starts, is_independent=True)
+    holds, measured = holds_of_means(statics), statics.stacked("pose")
+    check_weight(statics, statics.stacked("wrench"), -holds.down.swapaxes(0, 1))
+    starts = [Pose.identity(), *(_grasp(measured[0], pose) for pose in measured[1:])]
+    grasps = fit_hand_eye(WristPoses.of(measured, 1.0, at_home=False), starts, is_independent=True)
     team = grasps.team
     if not team.is_observable:
         raise RecordingError(
@@ -66,12 +67,12 @@ def identify_statics(statics: Statics) -> Identification:
     )
 
 
-def with_statics(found: Identification, statics: Statics) -> Identification:
-    """Combine an identification from motion with holds that were recorded separately.
+def with_statics(found: Identification, statics: Recording) -> Identification:
+    """Combine an identification from motion with means in holds that were recorded separately.
 
     Errors of the grasp poses affect both equally, so that the combination does not reduce them.
     """
-    team, holds = found.team, statics.as_holds()
+    team, holds = found.team, holds_of_means(statics)
     if not team.is_observable:
         remark = "Holds that were recorded apart are not used: the motion does not show where robots hold the load."
         return replace(found, remarks=(*found.remarks, remark))

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import RecordingError, one_line
-from coheft.estimation.batch.holds import Statics
+from coheft.estimation.batch.holds import means_in_holds
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_samples
 from coheft.estimation.batch.signals import turns
 from coheft.estimation.geometry.spatial import Array
@@ -24,8 +24,8 @@ _TURN = np.radians(2.0)
 _NEEDED = ("pose", "wrench")
 
 
-def read_statics(path: Path) -> Statics:
-    """Read holds, from an ``.npz`` file or a folder of CSV files: poses and wrenches of each robot.
+def read_statics(path: Path) -> Recording:
+    """Read means in holds, from an ``.npz`` file or a folder of CSV files: poses and wrenches of each robot.
 
     Without times, or if the load rotates from line to line, each line is a hold. Otherwise a hold lasts until there is
     a gap; if there are no gaps, as long as forces do not change.
@@ -35,12 +35,12 @@ def read_statics(path: Path) -> Statics:
     return _statics(read_channels(path), np.array(GRAVITY), partial(read_recording, path))
 
 
-def statics_of(arrays: Mapping[str, npt.ArrayLike]) -> Statics:
+def statics_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
     """Make holds from arrays, by their names in an ``.npz`` file; rules and errors as of ``read_statics``."""
     return _statics(*channels_in(arrays), partial(recording_of, arrays))
 
 
-def _statics(tables: Mapping[str, Mapping[str, Array]], gravity: Array, whole: Callable[[], Recording]) -> Statics:
+def _statics(tables: Mapping[str, Mapping[str, Array]], gravity: Array, whole: Callable[[], Recording]) -> Recording:
     """Holds in robots' channels; ``whole`` is called if these are a recording of which the forces tell the holds."""
     if not tables:
         raise RecordingError("no robots; expected poses and wrenches of each")
@@ -61,7 +61,7 @@ def _statics(tables: Mapping[str, Mapping[str, Array]], gravity: Array, whole: C
     for name, robot in robots.items():
         check_samples(name, robot)
     spans = _spans(tables[first].get(TIME), tables[first]["pose"], first)
-    return Statics.of_recording(whole() if spans is None else Recording(robots, gravity=gravity), spans)
+    return means_in_holds(whole() if spans is None else Recording(robots, gravity=gravity), spans)
 
 
 def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] | None:

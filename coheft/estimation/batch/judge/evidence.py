@@ -105,7 +105,7 @@ def suspicions_about(grasps: HandEye) -> tuple[str, ...]:
 
 
 def level_of(evidence: Evidence, robot: int, channel: str) -> Array:
-    """Standard deviations of the white noise of a robot's samples, shape (c,); of poses (rotation, translation), (6,)."""
+    """Standard deviations of a robot's white noise, shape (c,); of poses, those of (rotation, translation), (6,)."""
     samples = evidence.recording.stacked(channel)[robot]
     if channel == "pose":
         samples = without_jumps(samples)
