@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from benchmarks.drawn_recordings import Team, between, direction, draw_team, recorded, with_record
-from coheft.estimation.batch.pose_conventions import inverse_poses, turned_poses
+from coheft.estimation.batch.plausibility import inverse_poses, turned_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import without_jumps
 from coheft.estimation.geometry.spatial import Array

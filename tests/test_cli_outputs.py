@@ -234,7 +234,7 @@ def test_what_is_broken_off_leaves_no_empty_folder(command: str, place: Path, mo
         "run.launch.launch",
         "study.campaign.run_study",
         "cart.campaign.run_cases",
-        "identify.evaluate.evaluate",
+        "identify.methods.evaluate",
     ):
         monkeypatch.setattr(f"coheft.app.{name}", interrupted)
     before = sorted(place.rglob("*"))

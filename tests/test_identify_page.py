@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
-from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.plausibility import inverse_poses
 from coheft.estimation.geometry.spatial import Array
 from tests.docs_blocks import blocks
 

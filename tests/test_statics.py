@@ -11,8 +11,7 @@ import pytest
 from coheft.app.cli.base import EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.app.identify.choices import Options
-from coheft.app.identify.evaluate import read_holds
-from coheft.app.identify.methods import identify
+from coheft.app.identify.methods import identify, read_holds
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identify_statics import identify_statics
 from coheft.estimation.batch.recording import Recording, RobotRecord

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy.typing as npt
 
 from coheft.app.identify.choices import Bounds, Method, Options
-from coheft.app.identify.evaluate import ARRAYS, evaluate
+from coheft.app.identify.methods import ARRAYS, evaluate
 from coheft.app.identify.report import IdentifyReport, make_report
 
 

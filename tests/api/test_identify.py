@@ -34,8 +34,8 @@ def test_files_and_arrays_give_the_same(file):
 
 def test_holds_without_times_are_identified():
     held = statics()
-    arrays = {f"{name}/pose": pose for name, pose in zip(held.names, held.pose, strict=True)}
-    arrays |= {f"{name}/wrench": own[:, [3, 4, 5, 0, 1, 2]] for name, own in zip(held.names, held.wrench, strict=True)}
+    arrays = {f"{name}/pose": robot.pose for name, robot in held.robots.items()}
+    arrays |= {f"{name}/wrench": robot.wrench[:, [3, 4, 5, 0, 1, 2]] for name, robot in held.robots.items()}
     found = coheft.identify(arrays, method="static")
     assert found.payload.mass_kg == pytest.approx(HELD_MASS, abs=5.0 * found.payload.mass_std_kg)
     with pytest.raises(RecordingError, match=r"^arrays: 't' of a: found shape \(5,\), expected \(6,\), or none"):

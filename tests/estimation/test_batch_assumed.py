@@ -10,7 +10,7 @@ from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.judge.verdict import Cause
-from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.plausibility import inverse_poses
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 from tests.estimation.batch_team import held_recording

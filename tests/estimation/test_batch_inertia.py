@@ -15,10 +15,10 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.holds import Holds, find_holds, orientations, static_estimate
 from coheft.estimation.batch.identify import identify_batch, parameters_fit
 from coheft.estimation.batch.inertia_fit import bias_of_tensor, fit_parameters, fit_tensor
+from coheft.estimation.batch.pairs import derivative_by_poses
 from coheft.estimation.batch.payload import make_payload, of_central_numbers, principal_inertia
 from coheft.estimation.batch.recording import RobotRecord
 from coheft.estimation.batch.signals import body_motions, regressor, total_wrench
-from coheft.estimation.batch.team_poses import derivative_by_poses
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric
 from tests.estimation.batch_team import LOAD, RATE, exact_signals, grasps, moving_recording, with_noise

@@ -12,7 +12,7 @@ from coheft.app.identify.choices import Options
 from coheft.app.identify.methods import identify
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.judge.verdict import Verdict
-from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.plausibility import inverse_poses
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, low_pass
 from coheft.estimation.geometry.spatial import Array

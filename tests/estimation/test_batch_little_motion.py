@@ -8,8 +8,7 @@ from coheft.app.identify.methods import identify
 from coheft.app.identify.report import make_report
 from coheft.estimation.batch.hand_eye import fit_hand_eye
 from coheft.estimation.batch.pairs import grasps_from_twists
-from coheft.estimation.batch.plausibility import plausible_signals
-from coheft.estimation.batch.pose_conventions import check_conventions
+from coheft.estimation.batch.plausibility import check_conventions, plausible_signals
 from coheft.estimation.batch.signals import CUTOFF, signals_of
 from coheft.estimation.batch.wrist_poses import WristPoses
 from tests.estimation.batch_team import held_recording

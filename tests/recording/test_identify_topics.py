@@ -15,8 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from coheft.app.cli.base import EXIT_ERROR, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
-from coheft.app.identify.evaluate import read_any
-from coheft.app.identify.methods import identify
+from coheft.app.identify.methods import identify, read_any
 from coheft.app.recording import ros
 from coheft.app.recording.mcap_file import McapFile
 from coheft.errors import RecordingError

@@ -46,7 +46,7 @@ def export(
         to: Write to this file instead of standard output.
     """
     from coheft.app.export.formats import hand_over
-    from coheft.app.export.sources import load_of_run, read_load
+    from coheft.app.export.found_load import load_of_run, read_load
     from coheft.app.export.verdict import Limits
     from coheft.app.outputs import write_text
 

@@ -59,8 +59,8 @@ def identify(
     from rich.console import Console
 
     from coheft.app.figures import picture_folder
-    from coheft.app.identify.evaluate import evaluate, files_of
     from coheft.app.identify.folder import write_identification
+    from coheft.app.identify.methods import evaluate, files_of
     from coheft.app.identify.report import make_report
     from coheft.app.identify.tables import print_identification
     from coheft.app.outputs import write_outputs

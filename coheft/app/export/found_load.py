@@ -1,25 +1,31 @@
-"""An identified load with its uncertainty; loads that may not be used are refused with the reason."""
+"""An identified load, of a report or of a run in progress; loads that may not be used are refused with the reason."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from coheft.app.identify.report import IdentifyReport
-from coheft.app.results.report import Report
-from coheft.errors import CoheftError
+from coheft.app.results.report import Report, chosen_estimator
+from coheft.errors import CoheftError, UsageError
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.consistency import is_possible
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.wire.messages.requests import RunState
 from coheft.wire.messages.structs import Estimate, Validity
 
 _ROUNDING = 1e-9
+_PATIENCE = 5.0
+"""Time to wait for an estimate of a robot [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundLoad:
-    """Mass properties of the whole load in one frame.
+    """Mass properties of the whole load in one frame; ``CoheftError`` is raised if no body can have them.
 
     Attributes:
         mass_std: Standard deviation of the mass [kg].
@@ -35,6 +41,16 @@ class FoundLoad:
     robot: str
     source: str
     remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        inertia = self.inertia
+        if inertia.com.shape != (3,) or inertia.tensor.shape != (3, 3):
+            raise CoheftError(f"{self.source}: expected 3 numbers for the centre of mass and 3 × 3 for the inertia")
+        exists = inertia.mass > 0.0 and is_possible(inertia.barycentric(), -_ROUNDING)
+        if not (exists and np.allclose(inertia.tensor, inertia.tensor.T)):
+            raise CoheftError(
+                f"{self.source}: no body can have the mass properties that {self.robot} tells: {inertia.mass:g} kg"
+            )
 
     def seen_from(self, pose: Pose) -> FoundLoad:
         """Return the load in another frame, in which the grasp frame has an exactly known pose.
@@ -66,13 +82,8 @@ def of_run(report: Report, robot: str | None, source: str, estimator: str | None
     if None in (mass.estimate, com.estimate, inertia.estimate, mass.std, com.std, inertia.std):
         raise _not_known(name, found.not_observable)
     remarks = () if found.converged else (f"{name} does not call it good enough yet (state: {found.state})",)
-    return _checked(
-        Inertia(float(mass.estimate or 0.0), np.array(com.estimate), np.array(inertia.estimate)),
-        (float(mass.std or 0.0), np.array(com.std), np.array(inertia.std)),
-        name,
-        source,
-        remarks,
-    )
+    load = Inertia(float(mass.estimate or 0.0), np.array(com.estimate), np.array(inertia.estimate))
+    return FoundLoad(load, float(mass.std or 0.0), np.array(com.std), np.array(inertia.std), name, source, remarks)
 
 
 def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
@@ -84,7 +95,7 @@ def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
     std = np.sqrt(np.diagonal(payload.covariance))
     remarks = () if estimate.converged else (f"{name} does not call it good enough yet",)
     inertia = Inertia(payload.mass, payload.com, payload.tensor)
-    return _checked(inertia, (float(std[0]), std[1:4], unpack_symmetric(std[4:])), name, source, remarks)
+    return FoundLoad(inertia, float(std[0]), std[1:4], unpack_symmetric(std[4:]), name, source, remarks)
 
 
 def of_recording(report: IdentifyReport, robot: str | None, source: str) -> FoundLoad:
@@ -109,8 +120,9 @@ def of_recording(report: IdentifyReport, robot: str | None, source: str) -> Foun
     possible = "what was solved for is no body that can exist; this is the most likely one that is"
     unjudged = () if report.not_judged is None else (f"not judged: {report.not_judged}",)
     remarks = (*(() if load.was_possible else (possible,)), *unjudged, *report.remarks)
-    deviations = (load.mass_std_kg, np.array(load.com_std_m), unpack_symmetric(std[4:]))
-    return _checked(Inertia(mass, np.array(com), np.array(inertia)), deviations, first, source, remarks)
+    found = Inertia(mass, np.array(com), np.array(inertia))
+    com_std, tensor_std = np.array(load.com_std_m), unpack_symmetric(std[4:])
+    return FoundLoad(found, load.mass_std_kg, com_std, tensor_std, first, source, remarks)
 
 
 def chosen_robot(robot: str | None, names: list[str]) -> str:
@@ -134,13 +146,56 @@ def _not_known(robot: str, not_observable: list[str]) -> CoheftError:
     return CoheftError(f"{robot} does not know all of the load, and a part of it is not exported: {missing}")
 
 
-def _checked(
-    inertia: Inertia, std: tuple[float, Array, Array], robot: str, source: str, remarks: tuple[str, ...]
-) -> FoundLoad:
-    """Return the load, if a body with these mass properties can exist."""
-    if inertia.com.shape != (3,) or inertia.tensor.shape != (3, 3):
-        raise CoheftError(f"{source}: expected 3 numbers for the centre of mass and 3 × 3 for the inertia")
-    exists = inertia.mass > 0.0 and is_possible(inertia.barycentric(), -_ROUNDING)
-    if not (exists and np.allclose(inertia.tensor, inertia.tensor.T)):
-        raise CoheftError(f"{source}: no body can have the mass properties that {robot} tells: {inertia.mass:g} kg")
-    return FoundLoad(inertia, *std, robot, source, remarks)
+def read_load(path: Path, robot: str | None, estimator: str | None) -> FoundLoad:
+    """Return the load of a report of ``coheft run`` or ``coheft identify``; choices and errors as of ``of_run``."""
+    try:
+        text = path.read_bytes()
+        keys = msgspec.json.decode(text, type=dict[str, msgspec.Raw])
+        if "recording" in keys:
+            refuse_estimator(estimator, str(path))
+            return of_recording(msgspec.json.decode(text, type=IdentifyReport), robot, str(path))
+        return of_run(msgspec.json.decode(text, type=Report), robot, str(path), estimator)
+    except OSError as error:
+        raise CoheftError(f"{path}: cannot be read: {error.strerror}") from error
+    except msgspec.MsgspecError as error:
+        raise CoheftError(
+            f"{path}: expected a report of 'coheft run --json' or 'coheft identify --json'; found something else: "
+            f"{error}. A recording has to be identified first: coheft identify {path} --json report.json"
+        ) from error
+
+
+def refuse_estimator(estimator: str | None, source: str) -> None:
+    """Raise a ``UsageError`` if an estimator is chosen for a load that was identified from a recording."""
+    if estimator is not None:
+        raise UsageError(
+            f"--estimator chooses between estimators of a run, but {source} is of a recording: leave it out"
+        )
+
+
+def load_of_run(folder: Path | None, robot: str | None, estimator: str | None) -> FoundLoad:
+    """Return the load that a robot of a run in progress, by default the newest, reports now.
+
+    Choices and errors are as of ``of_run``; it is also an error if the robot sends no estimate.
+    """
+    from coheft.app.run.folder import locate_run
+    from coheft.app.run.observer import observe
+    from coheft.wire.messages.requests import StatusRequest
+    from coheft.wire.messages.structs import Estimate, EstimateBeside
+    from coheft.wire.scenario.plugins import estimator_names
+
+    place, run_file = locate_run(folder)
+    with observe(run_file) as observer:
+        status = observer.ask(StatusRequest())
+        name = chosen_robot(robot, status.scene.robots)
+        names = estimator_names(status.estimator)
+        chosen = chosen_estimator(estimator, names)
+        of_chosen = f", estimator {chosen}" if len(names) > 1 else ""
+        deadline = time.monotonic() + _PATIENCE
+        while time.monotonic() < deadline:
+            for news in observer.collect(status.scene, 0.1):
+                heard = news.estimate if isinstance(news, EstimateBeside) else news
+                if isinstance(heard, Estimate) and (heard.robot, heard.estimator) == (name, chosen):
+                    source = f"the run {status.scenario} ({place.name}) at {heard.time:g} s{of_chosen}"
+                    return of_estimate(heard, source)
+    state = f"the run is {status.state}" if status.state is not RunState.RUNNING else "its agent may have stopped"
+    raise CoheftError(f"{name} has said nothing for {_PATIENCE:g} s: {state}")

@@ -27,8 +27,8 @@ from coheft.estimation.batch.hand_eye_equations import (
     normal_equations,
     unknowns_of,
 )
+from coheft.estimation.batch.pairs import TeamPoses
 from coheft.estimation.batch.statistics import EXACT, scatter_of_sum
-from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import ANGLE_ERRORS, POSE_ERRORS, Tolerances, WristPoses
 from coheft.estimation.geometry.body_motion import perturbed
 from coheft.estimation.geometry.observability import LIMITS

@@ -9,9 +9,8 @@ import numpy as np
 from coheft.estimation.batch.holds import Holds
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.pairs import LoopError
+from coheft.estimation.batch.pairs import LoopError, TeamPoses
 from coheft.estimation.batch.payload import Payload
-from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.unobservable import middle_and_size
 

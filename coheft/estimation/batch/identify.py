@@ -8,12 +8,17 @@ import numpy as np
 from coheft.estimation.batch.holds import both_holds, holds_of, holds_of_means, static_estimate
 from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
-from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
+from coheft.estimation.batch.pairs import (
+    TeamPoses,
+    derivative_by_poses,
+    expected_bias,
+    grasps_from_twists,
+    unseen_covariance,
+)
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals, body_motions, centre_of, total_wrench
-from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, unseen_covariance
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia

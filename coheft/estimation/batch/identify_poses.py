@@ -13,13 +13,12 @@ from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_s
 from coheft.estimation.batch.identification import CalibrationFinding, Identification, unsettled
 from coheft.estimation.batch.identify import identify_at_grasps
 from coheft.estimation.batch.judge.evidence import POSES_PER_SECOND, Evidence, suspicions_about
-from coheft.estimation.batch.pairs import grasps_from_twists
+from coheft.estimation.batch.pairs import TeamPoses, derivative_by_poses, grasps_from_twists, unseen_covariance
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import CUTOFF, EDGE, centre_of, signals_of
 from coheft.estimation.batch.statistics import SPAN
-from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, unseen_covariance
 from coheft.estimation.batch.wrist_poses import (
     LARGEST_TILT,
     POSITION_SCALE,

@@ -7,10 +7,10 @@ import numpy as np
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.judge.band import HIGHEST, white_level
+from coheft.estimation.batch.pairs import TeamPoses
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_plausible, check_weight
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import possible_load
 from coheft.estimation.moments.recorded import fit_recorded

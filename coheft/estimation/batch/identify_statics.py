@@ -10,12 +10,11 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.hand_eye import fit_hand_eye
 from coheft.estimation.batch.holds import Holds, holds_of_means, orientations, static_estimate
 from coheft.estimation.batch.identification import Identification, unsettled
-from coheft.estimation.batch.pairs import kabsch
+from coheft.estimation.batch.pairs import TeamPoses, derivative_by_poses, kabsch
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import check_weight
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import total_wrench
-from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.linear_algebra import positive_part

@@ -17,7 +17,7 @@ from coheft.estimation.batch.judge.sensors import spiking_sensor, stuck_motion, 
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.judge.words import KGF, LBF
 from coheft.estimation.batch.payload import Payload, make_payload
-from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.plausibility import inverse_poses
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import centre_of
 from coheft.estimation.geometry.spatial import Array

@@ -11,11 +11,10 @@ import numpy as np
 
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.judge.band import HIGHEST, correlations, white_level
-from coheft.estimation.batch.pairs import grasps_from_twists
+from coheft.estimation.batch.pairs import TeamPoses, grasps_from_twists
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import Signals, centre_of, signals_of, without_jumps
-from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import Tolerances, WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.pose_conventions import inverse_poses, turned_poses
+from coheft.estimation.batch.plausibility import inverse_poses, turned_poses
 from coheft.estimation.batch.recording import CHANNELS, Recording
 from coheft.estimation.batch.signals import without_jumps
 from coheft.estimation.geometry.spatial import Array, Pose

@@ -12,8 +12,8 @@ import numpy as np
 from coheft.estimation.batch.calibrated_fit import force_columns
 from coheft.estimation.batch.judge.band import Band
 from coheft.estimation.batch.judge.evidence import Evidence, acceleration_noise, wrench_noise
+from coheft.estimation.batch.pairs import derivative_by_poses
 from coheft.estimation.batch.signals import body_motions, regressor, total_wrench
-from coheft.estimation.batch.team_poses import derivative_by_poses
 from coheft.estimation.batch.wrist_poses import Tolerances
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
 from coheft.estimation.geometry.spatial import Array, Pose, skew
