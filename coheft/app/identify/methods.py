@@ -23,7 +23,8 @@ from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.wrist_poses import Tolerances
-from coheft.wire.data.file import read_recording, read_statics, recording_of, statics_of
+from coheft.wire.data.file import read_recording, recording_of
+from coheft.wire.data.statics import read_statics, statics_of
 
 _BEST = Options()
 ARRAYS = "arrays"
