@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri
 
-from coheft.estimation.batch.inertia_fit import LinearFit, Prior, instrumental_fit, others, residual_variance
+from coheft.estimation.batch.inertia_fit import LinearFit, instrumental_fit, others, residual_variance
 from coheft.estimation.batch.payload import hidden_covariance
 from coheft.estimation.batch.signals import Signals, body_motions, regressor, total_wrench
 from coheft.estimation.batch.statistics import span_length
@@ -117,7 +117,7 @@ def fit_calibrated(
         mean[_GRAVITY] = 1.0 - stretch
         if step == 0 and start is None:  # without parameters, the effect of a stretch is unknown
             columns[..., _GRAVITY] = 0.0
-        fit = instrumental_fit(columns, output, others(columns), weight, signals.rate, Prior(mean, information))
+        fit = instrumental_fit(columns, output, others(columns), weight, signals.rate, (mean, information))
         parameters = fit.solution[:INERTIA_SIZE]
         stretch += float(fit.solution[_GRAVITY])
         weight = _deserved_weight(fit.residual, output, signals.rate)

@@ -112,16 +112,13 @@ def residual_variance(residual: Array, output: Array) -> Array:
     return result
 
 
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Prior of the unknowns: ``mean`` (u,), and independent ``information`` on each of them (u,)."""
-
-    mean: Array
-    information: Array
-
-
 def instrumental_fit(
-    regressors: Array, output: Array, instruments: Array, weight: Array, rate: float, prior: Prior | None = None
+    regressors: Array,
+    output: Array,
+    instruments: Array,
+    weight: Array,
+    rate: float,
+    prior: tuple[Array, Array] | None = None,
 ) -> LinearFit:
     """Solve ``sum over robots and samples of Z^T W (y - X theta) = 0``; with ``Z = X``, least squares.
 
@@ -131,20 +128,21 @@ def instrumental_fit(
         instruments: ``Z`` for each of them, same shape as the regressors.
         weight: ``W``'s diagonal, shape (rows,).
         rate: Samples per second.
-        prior: Prior of the unknowns; then ``W`` has to be the inverse variance, not only proportional to it.
+        prior: Prior mean of the unknowns and independent information on each of them, shape (u,) each; then ``W`` has
+            to be the inverse variance, not only proportional to it.
     """
-    prior = prior or Prior(np.zeros(regressors.shape[-1]), np.zeros(regressors.shape[-1]))
+    mean, information = np.zeros((2, regressors.shape[-1])) if prior is None else prior
     weighted = instruments * weight[:, None]
-    matrix = np.einsum("ikru,ikrv->uv", weighted, regressors, optimize=True) + np.diag(prior.information)
-    vector = np.einsum("ikru,kr->u", weighted, output, optimize=True) + prior.information * prior.mean
+    matrix = np.einsum("ikru,ikrv->uv", weighted, regressors, optimize=True) + np.diag(information)
+    vector = np.einsum("ikru,kr->u", weighted, output, optimize=True) + information * mean
     still = _STILL**2 * regressors.shape[0] * len(output) * float(weight.sum())
-    inverse, hidden = _inverse_and_hidden(matrix, prior.information > 0.0, still)
+    inverse, hidden = _inverse_and_hidden(matrix, information > 0.0, still)
     solution = inverse @ vector
     residuals = output - regressors @ solution
     scores = np.einsum("ikru,ikr->ku", weighted, residuals, optimize=True)
-    scatter = scatter_of_sum(scores, rate, int(np.count_nonzero(prior.information == 0.0)))
+    scatter = scatter_of_sum(scores, rate, int(np.count_nonzero(information == 0.0)))
     noise = inverse @ scatter @ inverse.T
-    shrinkage = inverse * prior.information
+    shrinkage = inverse * information
     covariance = noise + shrinkage @ inverse.T
     return LinearFit(solution, covariance, residuals.mean(axis=0), hidden, weight, noise, shrinkage)
 

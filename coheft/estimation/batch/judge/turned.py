@@ -57,8 +57,9 @@ def turned_words(axes: Array, whose: str) -> str:
     """Describe a sensor with these axes (3, 3)."""
     nearest = np.rint(axes)
     if np.linalg.det(axes) < 0.0:
-        how = f"left-handed: {_named(nearest)}" if np.abs(axes - nearest).max() < 0.1 else "left-handed"
-        return f"axes of the wrench of {whose} are {how}: axes were exchanged, or one has the opposite sign"
+        names = [f"{'-' if own.sum() < 0.0 else ''}{'xyz'[np.argmax(np.abs(own))]}" for own in nearest.T]
+        how = f", {' '.join(names)} of the grasp frame" if np.abs(axes - nearest).max() < 0.1 else ""
+        return f"axes of the wrench of {whose} are left-handed{how}: axes were exchanged, or one has the opposite sign"
     turn = Rotation.from_matrix(axes).as_rotvec()
     angle = float(np.linalg.norm(turn))
     x, y, z = turn / max(angle, 1e-9)
@@ -91,12 +92,3 @@ def _starts_of_all(misfit: WrenchMisfit, robots: Sequence[int]) -> list[Array]:
 def _both(matrix: Array) -> Array:
     """The same (3, 3) for forces and for moments, (6, 6)."""
     return np.kron(np.eye(2), matrix).astype(np.float64)
-
-
-def _named(axes: Array) -> str:
-    """Which axis of the grasp frame each of the sensor's is."""
-    names = []
-    for name, column in zip("xyz", axes.T, strict=True):
-        index = int(np.argmax(np.abs(column)))
-        names.append(f"its {name} is {'-' if column[index] < 0.0 else ''}{'xyz'[index]} of the grasp frame")
-    return ", ".join(names)
