@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 import coheft
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
-from coheft.app.export.formats import export_load
+from coheft.app.export.formats import Limits, export_load, judge_load
 from coheft.app.export.found_load import FoundLoad, of_recording
-from coheft.app.export.verdict import Limits, judge_load
 from coheft.errors import CoheftError, UsageError
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia

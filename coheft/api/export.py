@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from coheft.api.result import Result
-from coheft.app.export.formats import Placement, Target, hand_over
+from coheft.app.export.formats import Limits, Placement, Target, hand_over
 from coheft.app.export.found_load import of_recording, of_run, read_load, refuse_estimator
-from coheft.app.export.verdict import Limits
 from coheft.app.identify.report import IdentifyReport
 
 

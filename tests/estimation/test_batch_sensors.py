@@ -10,7 +10,7 @@ import pytest
 from coheft.app.identify.choices import Options
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
-from coheft.estimation.batch.identify_sensors import identify_sensors
+from coheft.estimation.batch.identify import identify_sensors
 from coheft.estimation.batch.signals import total_wrench
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.consistency import nearest_possible

@@ -45,9 +45,8 @@ def export(
         max_inertia: With verdict: largest allowed moment of inertia at the centre of mass [kg·m²].
         to: Write to this file instead of standard output.
     """
-    from coheft.app.export.formats import hand_over
+    from coheft.app.export.formats import Limits, hand_over
     from coheft.app.export.found_load import load_of_run, read_load
-    from coheft.app.export.verdict import Limits
     from coheft.app.outputs import write_text
 
     if report is not None and run is not None:

@@ -14,9 +14,8 @@ from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError, recording_errors
 from coheft.estimation.batch.holds import means_in_holds
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
+from coheft.estimation.batch.identify import identify_batch, identify_sensors, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
-from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
 from coheft.estimation.batch.judge.band import cutoff_for
 from coheft.estimation.batch.judged import judged
