@@ -105,11 +105,11 @@ def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
         return None
     if verdict.is_refuted:
         return None
-    return Verdict(
-        cause=Cause.INVERSE,
-        words="forces do not fit these poses, but they fit their inverses: all poses seem to be those of the home "
-        "frame in the grasp frame, and not the other way round: invert them",
+    words = (
+        "forces do not fit these poses, but they fit their inverses: all poses seem to be those of the home frame in "
+        "the grasp frame, and not the other way round: invert them"
     )
+    return Verdict(Cause.INVERSE, words=words)
 
 
 def _checked(verdict: Verdict | None, cause: str) -> Verdict:

@@ -280,14 +280,10 @@ def _level(evidence: Evidence, suspects: Suspects, plain: Fit) -> Verdict | None
     off, wrong = _not_level(down, by_forces.value, evidence)
     who = ", ".join(wrong)
     mass, std = by_forces.fit.mass
-    return Verdict(
-        Cause.NOT_LEVEL,
-        wrong[0] if len(wrong) == 1 else None,
-        tuple(off),
+    words = (
         f"{not_level}; by what forces say of gravity it is {who}, turned by {max(off):.3g} degrees. With gravity where "
         f"forces have it, the mass is {mass:.4g} kg (std {std:.2g} kg). Turn the poses of {who} into a frame whose z "
-        f"axis points up",
-        ratio=ratio,
-        mass=(mass, std),
-        gravity=by_forces.value @ suspects.homes,
+        f"axis points up"
     )
+    robot, gravity = wrong[0] if len(wrong) == 1 else None, by_forces.value @ suspects.homes
+    return Verdict(Cause.NOT_LEVEL, robot, tuple(off), words, ratio=ratio, mass=(mass, std), gravity=gravity)

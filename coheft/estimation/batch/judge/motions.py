@@ -92,14 +92,12 @@ def judge_gravity(evidence: Evidence) -> Verdict | None:
         return None
     factor = float(factors[np.argmax(np.abs(factors - 1.0))])
     size = float(np.linalg.norm(evidence.recording.gravity))
-    return Verdict(
-        Cause.MOTION,
-        wrong[0] if len(wrong) == 1 else None,
-        (factor,),
+    words = (
         f"accelerations of {', '.join(wrong)} are {factor * size:.4g} m/s² without what twists say of the motion, "
         f"expected {size:.4g}, which is gravity: they are {factor:.4g} times what they should be, or their times or "
-        f"those of the twists are wrong",
+        f"those of the twists are wrong"
     )
+    return Verdict(Cause.MOTION, wrong[0] if len(wrong) == 1 else None, (factor,), words)
 
 
 class _View:

@@ -123,16 +123,13 @@ def _late(evidence: Evidence) -> Verdict | None:
     delay, std, culprit = float(delays[worst]), float(deviations[worst]), evidence.culprit(worst)
     what = "twists" if recording.has("twist") else "poses"
     either = "" if culprit else " (or those of the other robot, the other way round)"
-    return Verdict(
-        Cause.CLOCK,
-        culprit,
-        (delay,),
+    words = (
         f"{what} of {recording.names[worst]} are{either} {abs(1e3 * delay):.3g} ms "
         f"{'late' if delay > 0.0 else 'early'} against the others' (std {1e3 * std:.2g} ms), and perhaps its other "
-        f"measurements, too: shift its samples in time",
-        is_open=culprit is None,
-        channels=tuple(channel for channel in CHANNELS if recording.has(channel)),
+        f"measurements, too: shift its samples in time"
     )
+    channels = tuple(channel for channel in CHANNELS if recording.has(channel))
+    return Verdict(Cause.CLOCK, culprit, (delay,), words, is_open=culprit is None, channels=channels)
 
 
 def _slip(evidence: Evidence, views: _Views) -> Verdict | None:
@@ -159,13 +156,11 @@ def _slip(evidence: Evidence, views: _Views) -> Verdict | None:
     turn_deg, when = float(np.degrees(np.linalg.norm(jump[:3]))), float(time[inner[start]]) - 0.5 * _BATCH
     culprit = evidence.culprit(robot)
     whose = culprit or f"{evidence.recording.names[robot]} (or of the other robot)"
-    return Verdict(
-        Cause.SLIP,
-        culprit,
-        (turn_deg, shift, when),
+    words = (
         f"the grasp of {whose} slipped at {when:.1f} s, by {1e3 * shift:.3g} mm and {turn_deg:.2g} degrees, or its "
-        f"home moved: choose a part without this with --from and --to",
+        f"home moved: choose a part without this with --from and --to"
     )
+    return Verdict(Cause.SLIP, culprit, (turn_deg, shift, when), words)
 
 
 def _sums_to_the_end(samples: Array) -> Array:
@@ -201,14 +196,11 @@ def _stretched(evidence: Evidence, views: _Views) -> Verdict | None:
     if is_large and gains[worst] * count / (count - 1) < _MOST * np.sum(views.rest**2):
         return None  # something else is wrong, which lengths explain a part of
     other = "" if culprit else f", or those of {names[1 - worst]} {1.0 / factor:.4g} times"
-    return Verdict(
-        Cause.LENGTH_SCALE,
-        culprit,
-        (factor,),
+    words = (
         f"positions of {names[worst]} are {factor:.4g} times what they should be by the others' (std {std:.2g}){other}"
-        f": another unit, or calibration (--calibrate)",
-        is_open=culprit is None,
+        f": another unit, or calibration (--calibrate)"
     )
+    return Verdict(Cause.LENGTH_SCALE, culprit, (factor,), words, is_open=culprit is None)
 
 
 def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]:
