@@ -129,6 +129,7 @@ class Band:
 
     Attributes:
         frequency: Frequency of each coefficient, shape (K,) [Hz].
+        intervals: Number of intervals in which spectra are measured.
         moving: Number of coefficients in the band in which a load with this twist (n, 6) moves; they come first.
     """
 
@@ -140,14 +141,9 @@ class Band:
         power = dct(twist - twist.mean(axis=0), axis=0, norm="ortho")[:count] ** 2
         share = np.cumsum((power / np.maximum(power.sum(axis=0), 1e-300)).sum(axis=1))
         self.moving = min(count, int(_WIDER * np.searchsorted(share, _MOTION_POWER * share[-1])) + 3)
-        bands = max(_FEWEST, min(_MOST_BANDS, count // _PER_BAND))
-        self._starts = np.linspace(0, count, bands + 1).astype(np.intp)[:-1]
-        """First coefficient of each interval in which spectra are measured."""
-
-    @property
-    def intervals(self) -> int:
-        """Number of intervals in which spectra are measured."""
-        return len(self._starts)
+        self.intervals = max(_FEWEST, min(_MOST_BANDS, count // _PER_BAND))
+        self._starts = np.linspace(0, count, self.intervals + 1).astype(np.intp)[:-1]
+        """First coefficient of each interval."""
 
     def coefficients(self, signals: Array) -> Array:
         """Coefficients (K, ...) of signals (n, ...) as they were before the filter."""

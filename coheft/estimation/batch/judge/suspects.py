@@ -151,27 +151,23 @@ class Suspects:
 
     def _clocks(self) -> Iterator[Suspect]:
         """Late wrenches of one robot or of all."""
-        for robot, robots in self._one_or_all.items():
-            delay, fit = self._delay_of(robots)
-            yield self._suspect(Cause.CLOCK, robot, fit, 1, np.array([delay]))
-
-    def _delay_of(self, robots: list[int]) -> tuple[float, Fit]:
         time = self._misfit.signals.time
-        splines = {robot: CubicSpline(time, self._misfit.wrenches[robot]) for robot in robots}
-        delay = 0.0
-        for _ in range(_TURNS):
-            at = np.clip(time + delay, time[0], time[-1])
-            moved = self._misfit.wrenches.copy()
-            column = np.zeros((len(time), 6, 1))
-            for robot, spline in splines.items():
-                moved[robot] = spline(at)
-                column[..., 0] -= spline(at, 1) @ self._misfit.adjoints[robot].T
-            fit = self._misfit.fit(column, total=total_wrench(moved, self._misfit.poses))
-            step = float(np.clip(fit.solution[BODY_NUMBERS], -_DELAY_STEP, _DELAY_STEP))
-            delay = float(np.clip(delay + step, -_LONGEST_DELAY, _LONGEST_DELAY))
-            if abs(step) < _DELAY_FOUND:
-                break
-        return delay, fit
+        splines = [CubicSpline(time, wrench) for wrench in self._misfit.wrenches]
+        for robot, robots in self._one_or_all.items():
+            delay = 0.0
+            for _ in range(_TURNS):
+                at = np.clip(time + delay, time[0], time[-1])
+                moved = self._misfit.wrenches.copy()
+                column = np.zeros((len(time), 6, 1))
+                for own in robots:
+                    moved[own] = splines[own](at)
+                    column[..., 0] -= splines[own](at, 1) @ self._misfit.adjoints[own].T
+                fit = self._misfit.fit(column, total=total_wrench(moved, self._misfit.poses))
+                step = float(np.clip(fit.solution[BODY_NUMBERS], -_DELAY_STEP, _DELAY_STEP))
+                delay = float(np.clip(delay + step, -_LONGEST_DELAY, _LONGEST_DELAY))
+                if abs(step) < _DELAY_FOUND:
+                    break
+            yield self._suspect(Cause.CLOCK, robot, fit, 1, np.array([delay]))
 
     def _axes(self) -> Iterator[Suspect]:
         """Wrenches, or only their forces or moments, in the axes of the home frame instead of the grasp frame's."""
