@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
 from coheft.estimation.batch.signals import Signals
-from coheft.estimation.geometry.body_motion import grasp_measurements
+from coheft.estimation.geometry.body_motion import BODY_A, BODY_ALPHA, BODY_V, BODY_W, grasp_measurements
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH, SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -44,23 +44,15 @@ def exact_signals(
     shares = [total - pushes.sum(axis=0), *pushes]
     wrench = np.array([share @ np.linalg.inv(pose.adjoint()).T for share, pose in zip(shares, poses, strict=True)])
     alpha = np.array([motion[:, 9:] @ pose.rotation for pose in poses])
-    return Signals(time, own[..., :3], own[..., 3:6], alpha, own[..., 6:9], own[..., 6:9], wrench, None)
+    return Signals(time, np.concatenate([own, alpha], axis=-1), own[..., 6:9], wrench, None)
 
 
 def with_noise(rng: np.random.Generator, signals: Signals, w: float, v: float, alpha: float, a: float) -> Signals:
     """Independent white noise on every robot's motion, of these standard deviations."""
-
-    def noisy(exact: Array, size: float) -> Array:
-        result: Array = exact + size * rng.normal(size=exact.shape)
-        return result
-
-    return replace(
-        signals,
-        w=noisy(signals.w, w),
-        v=noisy(signals.v, v),
-        alpha=noisy(signals.alpha, alpha),
-        a=noisy(signals.a, a),
-    )
+    motion = signals.motion.copy()
+    for part, size in ((BODY_W, w), (BODY_V, v), (BODY_ALPHA, alpha), (BODY_A, a)):
+        motion[..., part] += size * rng.normal(size=motion[..., part].shape)
+    return replace(signals, motion=motion)
 
 
 def sliding(seconds: float = 20.0) -> Array:
@@ -77,7 +69,7 @@ def sensors_recording(rng: np.random.Generator, signals: Signals, noise: SensorN
     """What sensors with white noise record of exact signals."""
     robots = {}
     for k, wrench in enumerate(signals.wrench):
-        own = np.hstack([signals.w[k], signals.v[k], signals.a[k], wrench])
+        own = np.hstack([signals.motion[k][:, :9], wrench])
         own += noise.per_column() * rng.normal(size=own.shape)
         robots[f"r{k + 1}"] = RobotRecord(
             signals.time, twist=own[:, TWIST], acceleration=own[:, ACCELERATION], wrench=own[:, WRENCH]

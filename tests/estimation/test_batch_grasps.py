@@ -96,8 +96,8 @@ def test_covariance_of_a_pair_says_how_much_its_pose_scatters() -> None:
     squares = []
     for _ in range(60):
         noisy = with_noise(rng, exact, w=0.01, v=0.01, alpha=0.0, a=0.0)
-        twists = np.concatenate([noisy.w, noisy.v], axis=-1)
-        found = pair_pose(twists[0], twists[1], RATE, instrument=noisy.w[2] @ team[2].rotation.T)
+        twists = noisy.twists
+        found = pair_pose(twists[0], twists[1], RATE, instrument=twists[2][:, :3] @ team[2].rotation.T)
         error = perturbation_between(found.pose, team[1])
         squares.append(error @ np.linalg.solve(found.covariance, error) / 6.0)
     # Mean of 60 chi-squares of 6 degrees: standard deviation 0.075; covariances from 20 stretches are a little short.

@@ -19,6 +19,7 @@ from coheft.estimation.batch.pairs import derivative_by_poses
 from coheft.estimation.batch.payload import make_payload, of_central_numbers, principal_inertia
 from coheft.estimation.batch.recording import RobotRecord
 from coheft.estimation.batch.signals import body_motions, regressor, total_wrench
+from coheft.estimation.geometry.body_motion import BODY_ALPHA
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric
 from tests.estimation.batch_team import LOAD, RATE, exact_signals, grasps, moving_recording, with_noise
@@ -68,7 +69,7 @@ def test_instruments_remove_the_bias_of_inertia() -> None:
     rng = np.random.default_rng(2)
     team = grasps(rng)
     exact = exact_signals(rng, team)
-    size = 0.3 * float(np.sqrt(np.mean(exact.alpha**2)))
+    size = 0.3 * float(np.sqrt(np.mean(exact.motion[..., BODY_ALPHA] ** 2)))
     trace = np.trace(LOAD.tensor)
     plain, instrumental = [], []
     for _ in range(40):
@@ -86,7 +87,7 @@ def test_bias_of_the_tensor_is_known_and_its_covariance_is_that_of_noise() -> No
     rng = np.random.default_rng(6)
     team = grasps(rng)
     exact = exact_signals(rng, team)
-    size = 0.3 * float(np.sqrt(np.mean(exact.alpha**2)))
+    size = 0.3 * float(np.sqrt(np.mean(exact.motion[..., BODY_ALPHA] ** 2)))
     biases, errors, squares = [], [], []
     for _ in range(40):
         noisy = with_noise(rng, exact, w=0.0, v=0.0, alpha=size, a=0.0)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording, RobotRecord, check_recording
 from coheft.estimation.batch.signals import EDGE, body_rates, low_pass, rates, signals_of
+from coheft.estimation.geometry.body_motion import BODY_A, BODY_ALPHA, BODY_V, BODY_W
 from coheft.estimation.geometry.spatial import Array
 from tests.estimation.batch_team import RATE, grasps, moving_recording
 
@@ -58,14 +59,16 @@ def test_motion_follows_from_poses() -> None:
     assert found.time[0] >= EDGE
     assert found.time[-1] <= TIME[-1] - EDGE
     rate = 2.0 * np.pi * 0.7
-    np.testing.assert_allclose(found.w[0, :, 0], omega[kept], atol=1e-4)
-    np.testing.assert_allclose(found.alpha[0, :, 0], -(rate**2) * angle[kept], atol=2e-2)
+    np.testing.assert_allclose(found.motion[0, :, 0], omega[kept], atol=1e-4)
+    np.testing.assert_allclose(found.motion[0, :, 9], -(rate**2) * angle[kept], atol=2e-2)
     speed = 0.1 * rate * np.cos(rate * TIME[kept] + 1.0)
     acceleration = -0.1 * rate**2 * np.sin(rate * TIME[kept] + 1.0)
     cos, sin = np.cos(angle[kept]), np.sin(angle[kept])
-    np.testing.assert_allclose(found.v[0], np.stack([0 * speed, cos * speed, -sin * speed], axis=1), atol=2e-3)
+    np.testing.assert_allclose(
+        found.motion[0][:, BODY_V], np.stack([0 * speed, cos * speed, -sin * speed], axis=1), atol=2e-3
+    )
     proper = np.stack([0 * cos, cos * acceleration + sin * 9.81, -sin * acceleration + cos * 9.81], axis=1)
-    np.testing.assert_allclose(found.a[0], proper, atol=1e-2)
+    np.testing.assert_allclose(found.motion[0][:, BODY_A], proper, atol=1e-2)
 
 
 def test_what_is_recorded_is_not_derived() -> None:
@@ -73,8 +76,12 @@ def test_what_is_recorded_is_not_derived() -> None:
     constant = np.tile([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], (len(TIME), 1))
     robots = {name: replace(robot, twist=constant, dtwist=2.0 * constant) for name, robot in recording.robots.items()}
     found = signals_of(replace(recording, robots=robots))
-    np.testing.assert_allclose(found.w, np.broadcast_to([1.0, 2.0, 3.0], found.w.shape), atol=1e-9)
-    np.testing.assert_allclose(found.alpha, np.broadcast_to([2.0, 4.0, 6.0], found.w.shape), atol=1e-9)
+    np.testing.assert_allclose(
+        found.motion[..., BODY_W], np.tile([1.0, 2.0, 3.0], (*found.motion.shape[:2], 1)), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        found.motion[..., BODY_ALPHA], np.tile([2.0, 4.0, 6.0], (*found.motion.shape[:2], 1)), atol=1e-9
+    )
 
 
 def test_signs_of_quaternions_do_not_matter() -> None:
@@ -84,7 +91,8 @@ def test_signs_of_quaternions_do_not_matter() -> None:
     for name, robot in recording.robots.items():
         assert robot.pose is not None
         flipped[name] = replace(robot, pose=np.hstack([robot.pose[:, :3], signs[:, None] * robot.pose[:, 3:]]))
-    np.testing.assert_allclose(signals_of(replace(recording, robots=flipped)).w, signals_of(recording).w, atol=1e-12)
+    found, expected = signals_of(replace(recording, robots=flipped)), signals_of(recording)
+    np.testing.assert_allclose(found.motion, expected.motion, atol=1e-9)
 
 
 def test_all_robots_feel_one_rigid_body() -> None:
@@ -93,9 +101,9 @@ def test_all_robots_feel_one_rigid_body() -> None:
     recording = moving_recording(rng, team)
     found = signals_of(recording, cutoff=20.0)
     for k, pose in enumerate(team):
-        np.testing.assert_allclose(found.w[k] @ pose.rotation.T, found.w[0], atol=1e-4)
-        carried = found.v[k] @ pose.rotation.T + np.cross(pose.translation, found.w[0])
-        np.testing.assert_allclose(carried, found.v[0], atol=1e-4)
+        np.testing.assert_allclose(found.motion[k][:, BODY_W] @ pose.rotation.T, found.motion[0][:, BODY_W], atol=1e-4)
+        carried = found.motion[k][:, BODY_V] @ pose.rotation.T + np.cross(pose.translation, found.motion[0][:, BODY_W])
+        np.testing.assert_allclose(carried, found.motion[0][:, BODY_V], atol=1e-4)
 
 
 @pytest.mark.parametrize(

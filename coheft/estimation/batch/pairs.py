@@ -13,7 +13,7 @@ import numpy as np
 
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.batch.statistics import sandwich_information
-from coheft.estimation.geometry.body_motion import perturbation_between, perturbed, relative_pose_derivative
+from coheft.estimation.geometry.body_motion import BODY_W, perturbation_between, perturbed, relative_pose_derivative
 from coheft.estimation.geometry.observability import PoseEstimate, SeenInformation
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
@@ -227,7 +227,7 @@ def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPo
     """Poses of the team from its twists, and by how much loops of observable pairs failed to close."""
     pairs = _pairs(signals, with_instruments)
     seen = {pair: estimate for pair, estimate in pairs.items() if not estimate.unobservable}
-    return close_loops(len(signals.w), pairs), loop_errors(seen)
+    return close_loops(len(signals.motion), pairs), loop_errors(seen)
 
 
 def expected_bias(signals: Signals, team: TeamPoses) -> Array:
@@ -238,28 +238,29 @@ def expected_bias(signals: Signals, team: TeamPoses) -> Array:
     """
     right = {}
     for (i, j), found in _pairs(signals, with_instruments=False).items():
-        w = signals.w[i]
-        noise = w - _instrument(signals.w, i, j)
+        w = signals.motion[i][:, BODY_W]
+        noise = w - _instrument(signals, i, j)
         # The instrument is the mean of others, which have noise as well.
-        others = max(len(signals.w) - 2, 1)
+        others = max(len(signals.motion) - 2, 1)
         share = others / (others + 1.0)
         matrix = _levers(w, w)
         position = np.linalg.solve(matrix - share * _levers(noise, noise), matrix @ found.pose.translation)
         right[i, j] = replace(found, pose=Pose(found.pose.rotation, position.astype(np.float64)))
-    poses = close_loops(len(signals.w), right).poses
+    poses = close_loops(len(signals.motion), right).poses
     return np.concatenate([perturbation_between(true, own) for true, own in zip(poses, team.poses, strict=True)])
 
 
 def _pairs(signals: Signals, with_instruments: bool) -> dict[tuple[int, int], PoseEstimate]:
     twists, pairs = signals.twists, {}
     for i, j in combinations(range(len(twists)), 2):
-        instrument = _instrument(signals.w, i, j) if with_instruments else None
+        instrument = _instrument(signals, i, j) if with_instruments else None
         pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)
     return pairs
 
 
-def _instrument(w: Array, i: int, j: int) -> Array:
+def _instrument(signals: Signals, i: int, j: int) -> Array:
     """Mean ``w_i`` as measured by the robots outside the pair; in a team of two, by robot j."""
+    w = signals.motion[..., BODY_W]
     third = [k for k in range(len(w)) if k not in (i, j)] or [j]
     result: Array = np.mean([w[k] @ kabsch(w[i], w[k]).T for k in third], axis=0)
     return result

@@ -11,6 +11,7 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.pairs import kabsch, position_between
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of, turns
+from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
 from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
@@ -55,7 +56,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     signals = signals_of(recording, cutoff)
     if recording.has("pose"):
         check_conventions(recording, cutoff, signals)
-    check_weight(recording, signals.wrench, signals.a)
+    check_weight(recording, signals.wrench, signals.motion[..., BODY_A])
     return signals
 
 
@@ -277,14 +278,15 @@ def _other_conventions(recording: Recording, cutoff: float) -> Iterator[tuple[Ar
 def _other_axes(signals: Signals) -> Iterator[tuple[Array, str, str]]:
     """The same of positions whose axes are exchanged, or have other signs."""
     assert signals.rotation is not None
-    in_home = (signals.rotation @ signals.v[..., None])[..., 0]
+    w, velocity = signals.motion[..., BODY_W], signals.motion[..., BODY_V]
+    in_home = (signals.rotation @ velocity[..., None])[..., 0]
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         if order == (0, 1, 2) and min(signs) > 0.0:
             continue
         names = " ".join(f"{'-' if sign < 0.0 else ''}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True))
         v = ((in_home[..., list(order)] * signs)[..., None, :] @ signals.rotation)[..., 0, :]
         how = f"with positions {names} in place of x y z"
-        yield np.concatenate([signals.w, v], axis=-1), how, "Exchange the columns, or change their signs"
+        yield np.concatenate([w, v], axis=-1), how, "Exchange the columns, or change their signs"
 
 
 def _by_poses(recording: Recording, cutoff: float) -> Signals:

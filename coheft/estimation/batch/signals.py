@@ -38,20 +38,14 @@ class Signals:
 
     Attributes:
         time: Shape (n,) [s].
-        w: Angular velocity, shape (N, n, 3) [rad/s].
-        v: Velocity of the origin, shape (N, n, 3) [m/s].
-        alpha: Angular acceleration, shape (N, n, 3) [rad/s²].
-        a: Proper acceleration of the origin, shape (N, n, 3) [m/s²].
+        motion: ``(w, v, a, alpha)``, shape (N, n, 12), see ``body_motion``.
         up: ``a`` minus the acceleration of the origin according to twists: minus gravity, shape (N, n, 3) [m/s²].
         wrench: ``(f, t)`` on the payload, shape (N, n, 6).
         rotation: Of ``F_i`` in the home frame, shape (N, n, 3, 3); None without poses.
     """
 
     time: Array
-    w: Array
-    v: Array
-    alpha: Array
-    a: Array
+    motion: Array
     up: Array
     wrench: Array
     rotation: Array | None
@@ -64,7 +58,7 @@ class Signals:
     @property
     def twists(self) -> Array:
         """``(w, v)``, shape (N, n, 6)."""
-        return np.concatenate([self.w, self.v], axis=-1)
+        return self.motion[..., :6]
 
 
 def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: int = 0) -> Array:
@@ -160,8 +154,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     else:
         dtwist, twist, lost = rates(twist, rate), twist[:, 2:-2], lost + 2
     time, rotation = recording.time[lost : count - lost], None if rotation is None else rotation[:, lost : count - lost]
-    w, v, alpha = twist[..., :3], twist[..., 3:], dtwist[..., :3]
-    moved = dtwist[..., 3:] + np.cross(w, v)
+    moved = dtwist[..., 3:] + np.cross(twist[..., :3], twist[..., 3:])
     if recording.has("acceleration"):
         a = smooth("acceleration", lost)
     elif rotation is not None:
@@ -184,10 +177,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         )
     return Signals(
         time=time[kept],
-        w=w[:, kept],
-        v=v[:, kept],
-        alpha=alpha[:, kept],
-        a=a[:, kept],
+        motion=np.concatenate([twist, a, dtwist[..., :3]], axis=-1)[:, kept],
         up=(a - moved)[:, kept],
         wrench=wrench[:, kept],
         rotation=None if rotation is None else rotation[:, kept],
@@ -204,8 +194,7 @@ def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
     ``poses`` are those of the grasp frames in the body frame.
     """
     motions = []
-    own = np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)
-    for pose, motion in zip(poses, own, strict=True):
+    for pose, motion in zip(poses, signals.motion, strict=True):
         motions.append(np.hstack([grasp_measurements(pose.inverse(), motion), motion[:, 9:] @ pose.rotation.T]))
     return np.array(motions)
 
