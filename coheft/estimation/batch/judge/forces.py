@@ -127,6 +127,8 @@ def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdi
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
     others = [words_of(one, misfit) for one in alike]
     rest = "".join(f"; or {each}" for _, each in others) + (": which of these is not known" if others else "")
+    if margin < _CLOSE:
+        rest += f"; another fault, {second.cause.value}, explains it nearly as well"
     return replace(
         _verdict_of(best, robot, suspects.homes),
         rivals=tuple(name or ALL for name, _ in others),
