@@ -165,14 +165,9 @@ def _shown_by_noise(
     """Yield each grasp's unknowns, and a huge covariance (6, 6) of directions that nothing shows but noise.
 
     Where the load does not turn, noise of its orientation seems to be motion, and so to carry ``information`` (u, u) on
-    homes and grasps, ``poses``. The more samples there are, the more it would be.
-
-    Args:
-        information: The data's information on all unknowns.
-        poses: Indices of the unknowns of homes and grasps that are fitted.
-        counts: Numbers of robots and of samples.
-        noise: Standard deviations of a sample's angles [rad] and positions [m] by which samples were weighted.
-        turned: Standard deviation of the noise of one robot's orientations [rad].
+    homes and grasps, whose indices are ``poses``. The more samples there are, the more it would be. ``counts`` are the
+    numbers of robots and of samples; these were weighted by ``noise``, the deviations of their angles [rad] and
+    positions [m]. That of one robot's orientations is ``turned`` [rad].
     """
     covariance = np.zeros_like(information)
     damping = _DAMPING * np.eye(len(poses))

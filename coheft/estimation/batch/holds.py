@@ -90,12 +90,6 @@ def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
     )
 
 
-def both_holds(one: Holds, other: Holds) -> Holds:
-    """The holds of two recordings together."""
-    pairs = ((one.down, other.down), (one.wrench, other.wrench), (one.scatter, other.scatter))
-    return Holds((*one.spans, *other.spans), *map(np.concatenate, pairs))
-
-
 def orientations(directions: Array) -> int:
     """How many different ones there are among directions of gravity (H, 3)."""
     different: list[Array] = []

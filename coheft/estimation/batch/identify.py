@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.holds import both_holds, holds_of, holds_of_means, static_estimate
+from coheft.estimation.batch.holds import Holds, holds_of, holds_of_means, static_estimate
 from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.judge.band import HIGHEST, white_level
@@ -66,7 +66,9 @@ def identify_batch(
     team, loops = grasps_from_twists(signals, with_instruments=False)
     holds = holds_of(recording, cutoff)
     if statics is not None:
-        holds = both_holds(holds, holds_of_means(statics))
+        more = holds_of_means(statics)
+        pairs = ((holds.down, more.down), (holds.wrench, more.wrench), (holds.scatter, more.scatter))
+        holds = Holds(holds.spans, *map(np.concatenate, pairs))
     motions = body_motions(signals, team.poses)
     static, spread = static_estimate(holds, team.poses)
 
