@@ -223,12 +223,8 @@ def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], mende
     already.
     """
     hiding = (Cause.LEVER, Cause.CLOCK) if evidence.tolerances is not None else _HIDING
-    known = plain.covariance[:BODY_NUMBERS, :BODY_NUMBERS]
-    added = [
-        (suspect, suspect.fit.covariance[:BODY_NUMBERS, :BODY_NUMBERS] - known)
-        for suspect in suspects
-        if suspect.gain > -np.inf
-    ]
+    body = np.s_[:BODY_NUMBERS, :BODY_NUMBERS]
+    added = [(one, one.fit.covariance[body] - plain.covariance[body]) for one in suspects if one.gain > -np.inf]
     corrected = [[more for one, more in added if _is_of(one, verdict, evidence.recording.names)] for verdict in mended]
     hidden = tuple((one.cause, more) for one, more in added if one.cause in hiding)
     if evidence.recording.has("acceleration"):
