@@ -22,7 +22,6 @@ from coheft.app.recording.mcap_records import is_finished
 from coheft.app.ros2.pace import Pace
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.alignment import Stream
-from coheft.estimation.geometry.spatial import Array
 from coheft.wire.process.log import LOG
 
 
@@ -30,6 +29,8 @@ def _pose(pose: Any) -> tuple[float, ...]:
     return *ros.xyz(pose.position), *ros.xyz(pose.orientation), pose.orientation.w
 
 
+_Message = tuple[int, int, Sequence[float]]
+"""Its stamp and the time of its reception [ns], and its numbers."""
 _LOOKED_AT = 500
 """Number of the first messages whose stamps are checked."""
 _DISTINCT = 0.2
@@ -103,19 +104,13 @@ class Bag:
     def streams(self, names: Collection[str]) -> dict[str, Stream]:
         """Read topics whose types are in ``KINDS``, with the times in the headers."""
         chosen = [each for each in self._reader.connections if each.topic in names and each.msgtype in KINDS]
-        stamps: dict[str, list[int]] = {name: [] for name in names}
-        received: dict[str, list[int]] = {name: [] for name in names}
-        values: dict[str, list[Sequence[float]]] = {name: [] for name in names}
+        found: dict[str, list[_Message]] = {name: [] for name in names}
         with _damage("it is damaged"):
             for connection, time, data in self._reader.messages(chosen):
                 message = self._read(data, connection.msgtype)
-                stamps[connection.topic].append(ros.time_of(message))
-                received[connection.topic].append(time)
-                values[connection.topic].append(KINDS[connection.msgtype][1](message))
-        return {
-            name: _stream(name, stamps[name], received[name], np.array(values[name], dtype=np.float64))
-            for name in names
-        }
+                numbers = KINDS[connection.msgtype][1](message)
+                found[connection.topic].append((ros.time_of(message), time, numbers))
+        return {name: _stream(name, messages) for name, messages in found.items()}
 
 
 @contextmanager
@@ -129,24 +124,25 @@ def _damage(failure: str) -> Iterator[None]:
         raise RecordingError(f"{failure}: {one_line(str(error))}") from error
 
 
-def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
+def _check_stamps(name: str, messages: Sequence[_Message]) -> None:
     """Check that stamps are times of measurements."""
-    stamps, received = stamps[:_LOOKED_AT], received[:_LOOKED_AT]
     pace = Pace()
-    for stamp, arrival in zip(stamps, received, strict=True):
+    for stamp, arrival, _ in messages:
         pace.note(stamp, arrival)
     fault = pace.fault(1.0)
     if fault is None or fault.kind not in ("still", "equal", "bunched", "unit"):
         return
+    stamps, received, _ = zip(*messages, strict=True)
     is_slow = np.ptp(stamps) < np.ptp(received)  # times of writing tell nothing if they are fast
     is_double = fault.kind == "equal" and len(set(stamps)) > _DISTINCT * len(stamps)
     if not is_double and (is_slow or fault.kind != "unit"):
         raise RecordingError(f"{one_line(name)}: {fault.words}")
 
 
-def _stream(name: str, stamps: list[int], received: list[int], values: Array) -> Stream:
+def _stream(name: str, messages: Sequence[_Message]) -> Stream:
     """The messages of a topic in the order of their stamps, without duplicates."""
-    time = np.array(stamps, dtype=np.int64)
+    time = np.array([stamp for stamp, _, _ in messages], dtype=np.int64)
+    values = np.array([numbers for _, _, numbers in messages], dtype=np.float64)
     zeros = int(np.count_nonzero(time == 0))
     if zeros > 1:
         if zeros < len(time):
@@ -155,9 +151,9 @@ def _stream(name: str, stamps: list[int], received: list[int], values: Array) ->
                 f"measurement"
             )
         LOG.warning(f"coheft: {one_line(name)}: all stamps are zero: messages are taken for measured when recorded")
-        time = np.array(received, dtype=np.int64)
+        time = np.array([received for _, received, _ in messages], dtype=np.int64)
     else:
-        _check_stamps(name, stamps, received)
+        _check_stamps(name, messages[:_LOOKED_AT])
     back = np.diff(time)
     if len(back) and back.min() < -_OUT_OF_ORDER:
         at = int(np.argmin(back)) + 1

@@ -124,49 +124,38 @@ class NormalEquations:
 
 def normal_equations(wrists: WristPoses, guess: Guess, noise: tuple[float, float]) -> NormalEquations:
     """Normal equations of all samples, weighted by the noise of angles [rad] and positions [m]."""
-    parts = []
-    for first in range(0, len(guess.rotations), _CHUNK):
-        rows = slice(first, first + _CHUNK)
-        some = replace(guess, rotations=guess.rotations[rows], positions=guess.positions[rows])
-        parts.append(_equations_of_few(wrists.some(rows), some, noise))
-    return NormalEquations(
-        matrix=np.sum([part.matrix for part in parts], axis=0),
-        scores=np.concatenate([part.scores for part in parts]),
-        squares=np.sum([part.squares for part in parts], axis=0),
-        freedom=np.sum([part.freedom for part in parts], axis=0),
-        load_score=np.concatenate([part.load_score for part in parts]),
-        load_gain=np.concatenate([part.load_gain for part in parts]),
-    )
-
-
-def _equations_of_few(wrists: WristPoses, guess: Guess, noise: tuple[float, float]) -> NormalEquations:
     count, samples = wrists.angles.shape[:2]
     weight = np.repeat([noise[0] ** -2, noise[1] ** -2], 3)
     size = count * UNKNOWNS
     matrix, scores = np.zeros((size, size)), np.zeros((samples, size))
-    load, load_score, coupling = np.zeros((samples, 6, 6)), np.zeros((samples, 6)), np.zeros((samples, 6, size))
-    kept = []
-    for k in range(count):
-        own = slice(k * UNKNOWNS, (k + 1) * UNKNOWNS)
-        residual, derivative, by_load = residuals_and_derivatives(wrists, guess, k)
-        weighted = (weight[:, None] * by_load).swapaxes(-1, -2)
-        flat = derivative.reshape(-1, UNKNOWNS)
-        matrix[own, own] = flat.T @ (np.tile(weight, samples)[:, None] * flat)
-        scores[:, own] = -((weight * residual)[:, None] @ derivative)[:, 0]
-        load += weighted @ by_load
-        load_score -= (weighted @ residual[..., None])[..., 0]
-        coupling[:, :, own] = weighted @ derivative
-        kept.append((residual, by_load))
-    covariance = inverse(load)
-    load_step = (covariance @ load_score[..., None])[..., 0]
-    gain = covariance @ coupling
-    matrix -= coupling.reshape(-1, size).T @ gain.reshape(-1, size)
-    scores -= (load_step[:, None] @ coupling)[:, 0]
-    # Each pose of the load takes six degrees of freedom from the residuals, divided according to its covariance.
+    load_steps, gains = np.zeros((samples, 6)), np.zeros((samples, 6, size))
     squares, freedom = np.zeros(2), np.zeros(2)
-    for residual, by_load in kept:
-        left = residual + (by_load @ load_step[..., None])[..., 0]
-        taken = np.einsum("nra,nab,nrb->r", by_load, covariance, by_load, optimize=True) * weight
-        squares += [np.sum(left[:, :3] ** 2), np.sum(left[:, 3:] ** 2)]
-        freedom += [3 * samples - taken[:3].sum(), 3 * samples - taken[3:].sum()]
-    return NormalEquations(matrix, scores, squares, freedom, load_step, gain)
+    for first in range(0, samples, _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        some = replace(guess, rotations=guess.rotations[rows], positions=guess.positions[rows])
+        measured, few = wrists.some(rows), len(some.positions)
+        load, load_score, coupling = np.zeros((few, 6, 6)), np.zeros((few, 6)), np.zeros((few, 6, size))
+        kept = []
+        for k in range(count):
+            own = slice(k * UNKNOWNS, (k + 1) * UNKNOWNS)
+            residual, derivative, by_load = residuals_and_derivatives(measured, some, k)
+            weighted = (weight[:, None] * by_load).swapaxes(-1, -2)
+            flat = derivative.reshape(-1, UNKNOWNS)
+            matrix[own, own] += flat.T @ (np.tile(weight, few)[:, None] * flat)
+            scores[rows, own] = -((weight * residual)[:, None] @ derivative)[:, 0]
+            load += weighted @ by_load
+            load_score -= (weighted @ residual[..., None])[..., 0]
+            coupling[:, :, own] = weighted @ derivative
+            kept.append((residual, by_load))
+        covariance = inverse(load)
+        load_step = load_steps[rows] = (covariance @ load_score[..., None])[..., 0]
+        gain = gains[rows] = covariance @ coupling
+        matrix -= coupling.reshape(-1, size).T @ gain.reshape(-1, size)
+        scores[rows] -= (load_step[:, None] @ coupling)[:, 0]
+        # Each pose of the load takes six degrees of freedom from the residuals, divided according to its covariance.
+        for residual, by_load in kept:
+            left = residual + (by_load @ load_step[..., None])[..., 0]
+            taken = np.einsum("nra,nab,nrb->r", by_load, covariance, by_load, optimize=True) * weight
+            squares += [np.sum(left[:, :3] ** 2), np.sum(left[:, 3:] ** 2)]
+            freedom += [3 * few - taken[:3].sum(), 3 * few - taken[3:].sum()]
+    return NormalEquations(matrix, scores, squares, freedom, load_steps, gains)

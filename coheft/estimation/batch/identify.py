@@ -48,14 +48,6 @@ _SUSPECTS = (
     "This method estimates no scales, offsets or mountings of sensors; --method instruments asks for no noise."
 )
 _TOO_LARGE = ": give the standard deviations of single samples, or use --method instruments, which asks for no noise."
-_SENSORS = (
-    ("gyro", "twist", slice(0, 3)),
-    ("velocity", "twist", slice(3, 6)),
-    ("acceleration", "acceleration", slice(0, 3)),
-    ("force", "wrench", slice(0, 3)),
-    ("torque", "wrench", slice(3, 6)),
-)
-"""Names in ``SensorNoise``, channels, and their columns."""
 
 
 def identify_batch(
@@ -188,7 +180,7 @@ def identify_sensors(recording: Recording) -> Identification:
     covariance *= max(1.0, size) ** 2
     ratio, suspects = size, _SUSPECTS
     words = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
-    for sensor, shown in _noise_shown(recording, recording.noise):
+    for sensor, shown in _noise_shown(samples, recording.noise, recording.rate):
         if max(shown, 1.0 / shown) > max(ratio, _SUITABLE):
             ratio, suspects = max(shown, 1.0 / shown), _SUSPECTS if shown > 1.0 else _TOO_LARGE
             words = f"Samples of {sensor} show {shown:.2g} times the noise that 'noise' of the recording names"
@@ -212,15 +204,17 @@ def identify_sensors(recording: Recording) -> Identification:
     )
 
 
-def _noise_shown(recording: Recording, noise: SensorNoise) -> Iterator[tuple[str, float]]:
+def _noise_shown(samples: Array, noise: SensorNoise, rate: float) -> Iterator[tuple[str, float]]:
     """Yield each kind of sensor and its noise, geometric mean over axes and robots, in multiples of what is named.
 
-    There is nothing if there are too few samples to tell. Forces and moments are never called noisier: robots may shake
-    against each other, which cancels in their sum.
+    There is nothing if there are too few samples (n, N, 15) to tell. Forces and moments are never called noisier:
+    robots may shake against each other, which cancels in their sum.
     """
-    for sensor, channel, columns in _SENSORS:
-        samples = np.hstack(list(recording.stacked(channel)[..., columns]))
-        level = white_level(samples, recording.rate, HIGHEST * recording.rate)
-        if level is not None and level.all():
-            shown = float(np.exp(np.mean(np.log(level)))) / getattr(noise, sensor)
-            yield sensor, min(shown, 1.0) if channel == "wrench" else shown
+    level = white_level(samples.reshape(len(samples), -1), rate, HIGHEST * rate)
+    if level is None:
+        return
+    by_kind = level.reshape(-1, 5, 3).swapaxes(0, 1).reshape(5, -1)
+    for sensor, own in zip(noise.__struct_fields__, by_kind, strict=True):
+        if own.all():
+            shown = float(np.exp(np.mean(np.log(own)))) / getattr(noise, sensor)
+            yield sensor, min(shown, 1.0) if sensor in ("force", "torque") else shown
