@@ -145,7 +145,13 @@ def _findings(
     before = np.append(tolerances.pose_errors(), [tolerances.force_scale, *[tolerances.force_offset] * 3])
     return tuple(
         CalibrationFinding(
-            name, what, unit, *(size * float(x) for x in (value, own, former)), seen=bool(own < _SEEN * former)
+            robot=name,
+            what=what,
+            unit=unit,
+            value=size * float(value),
+            std=size * float(own),
+            std_before=size * float(former),
+            seen=bool(own < _SEEN * former),
         )
         for name, is_gimbal, own_values, own_stds in zip(names, has_gimbal, values, stds, strict=True)
         for (what, unit, size), value, own, former in zip(_KINDS, own_values, own_stds, before, strict=True)
