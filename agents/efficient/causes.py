@@ -149,8 +149,8 @@ class Causes:
             newest: Number of the newest row.
 
         Returns:
-            ``SLIPPED`` and the knowledge with a slipped grasp; ``STARTED_OVER`` if it has been doubtful for too long
-            what has changed; else None.
+            ``SLIPPED`` and the knowledge with a slipped grasp; ``STARTED_OVER`` if it may have slipped before all rows
+            that are compared, or if it has been doubtful for too long what has changed; else None.
         """
         suspicion, guards = self._suspicion, self._guards
         if suspicion is None:
@@ -166,7 +166,7 @@ class Causes:
                     if cause.is_load:
                         self.changes.append(LoadChange(cause.first, newest, suspicion.former_load, math.inf))
                 self._suspicion = None
-                return Event.SLIPPED, slipped
+                return (Event.STARTED_OVER, None) if cause.may_be_older else (Event.SLIPPED, slipped)
         longest = self._rows.after_gap if suspicion.is_expected else self._rows.telling_apart
         if suspicion.is_load and cause is not None and cause.robot is None:
             suspicion.settle_load(self.changed_at, cause.is_load)

@@ -63,11 +63,14 @@ class Cause(NamedTuple):
         robot: Index of the robot whose grasp has slipped, None if the cause is the load or a sensor.
         first: Number of the row that is most likely the first one after the change.
         is_load: Whether the load has changed, possibly as well as the grasp.
+        may_be_older: Whether the change may as well be older than all rows that were compared: then these and what was
+            known before are alike, and may both be from after it.
     """
 
     robot: int | None
     first: int
     is_load: bool = False
+    may_be_older: bool = False
 
 
 class State(Enum):
@@ -245,7 +248,8 @@ class Suspicion:
         robot = int(each.argmax())
         if each[robot] - np.delete(each, robot).max() <= guards.doubt:
             return None
-        return Cause(robot, numbers[first], is_load)
+        may_be_older = not self.is_expected and each[robot] - ratios(0).of_slips(is_load)[robot] <= guards.lead
+        return Cause(robot, numbers[first], is_load, bool(may_be_older))
 
     def _ratios(self, before: StateBeforeChange, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""

@@ -25,7 +25,7 @@ class Event(Enum):
     SLIPPED = "a grasp has slipped; the load is known with it"
     STARTED_OVER = (
         "all is forgotten: motions fit no poses, errors of sensors no tolerances, or for long rows fit no load,"
-        " contradict each other, or leave in doubt what has changed"
+        " contradict each other, or leave in doubt what has changed or when"
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.state_before_change import StateBeforeChange
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
@@ -95,6 +96,22 @@ def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
     assert len(found.causes.slips) == 1
     found.take_back(BEFORE - 20)
     assert found.causes.slips == []
+
+
+def test_after_a_slip_among_the_first_rows_of_all_nothing_from_before_is_kept() -> None:
+    """The first fit is to rows from before and after it, so nothing that it is compared with is from before."""
+    poses = slipped_poses(5.0, 0.3, 0, 4)
+    rows = np.concatenate([made_up_rows(20, seed=4), made_up_rows(160, first=20, seed=4, poses=poses)])
+    numbers, found = iter(range(len(rows))), session()
+    while not found.causes.slips:
+        number = next(numbers)
+        found.take(number, rows[number])
+    assert found.stage is Stage.GATHERING
+    assert found.estimate is None
+    for number in numbers:
+        found.take(number, rows[number])
+    assert is_valid(found)
+    assert largest_error(found, poses) < 5.0
 
 
 def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
