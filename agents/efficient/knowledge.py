@@ -200,7 +200,8 @@ class Knowledge:
         Args:
             now: What is known.
             index: Of the first row of the new load.
-            has_changed: Whether wrenches before fitted their load; else they have misled the poses, too.
+            has_changed: Whether wrenches before fitted their load, and no sensor may have been off; else they have
+                misled the poses, too.
             least: Rows of the next fit.
             unnoticed: The step of the mass that may have occurred before.
         """

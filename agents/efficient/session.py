@@ -279,7 +279,8 @@ class Session:
             self.causes.load_begins(int(self._known.buffer.numbers[index]))
         self._gap.load_begins(self._known.buffer.number_at(index))
         least = self._known.least * (1 + self._resets.is_troubled)
-        self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least, self._detector.step)
+        fitted = event is Event.LOAD_CHANGED and self.stage is not Stage.UNDECIDED  # else a sensor may have been off
+        self._known.forget_load(before, index, fitted, least, self._detector.step)
         self.stage = STAGE_AFTER[event]
         self._detector.settle()
 
