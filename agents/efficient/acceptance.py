@@ -8,6 +8,8 @@ all rows fit                                                    accepted, unless
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from coheft.agents.efficient.judge import Outcome, Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
@@ -110,13 +112,16 @@ class Acceptance:
         match self.verdict.outcome:
             case Outcome.NO_BODY:
                 by_motion = known.judge_by_motion()
-                if by_motion.outcome in (Outcome.NO_BODY, Outcome.NO_LOAD):
+                if by_motion.outcome is Outcome.NO_LOAD:
+                    self.verdict = replace(by_motion, misreading=known.misreading())
+                elif by_motion.outcome is Outcome.NO_BODY:
                     self.verdict = by_motion
                 return Event.STARTED_OVER, end
             case Outcome.BEYOND_TOLERANCE:
                 self.tolerances.exceed(estimate, known.age)
                 return Event.STARTED_OVER, end
             case Outcome.NO_LOAD:
+                self.verdict = replace(self.verdict, misreading=known.misreading())
                 return Event.MISFIT, end
             case Outcome.UNDECIDED if age <= self._undecided:
                 return Event.UNDECIDED, end

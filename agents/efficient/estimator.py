@@ -243,9 +243,11 @@ class EfficientEstimator:
 
 def _in_words(verdict: Verdict, names: list[str]) -> str:
     """Say why the load is not known."""
-    if verdict.misreading is not None:
-        whose, how = names[verdict.misreading.robot], verdict.misreading.in_words
-        return f"wrenches fit no load, but would if those of {whose} {how}: are their signs, units and axes right?"
+    if (misreading := verdict.misreading) is not None:
+        if misreading.robot is None:
+            return f"wrenches fit no load, but would {misreading.words}"
+        whose = names[misreading.robot]
+        return f"wrenches fit no load, but would if those of {whose} {misreading.words}: is its driver right?"
     if verdict.rival is None:
         which = "" if verdict.robot is None else f"; {names[verdict.robot]} stands out"
         return verdict.outcome.value + which

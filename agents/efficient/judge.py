@@ -20,12 +20,14 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.hidden_poses import best_residuals
 from coheft.estimation.moments.misfit import KnownLoad, excess_energy, explanations, worst_misfit
-from coheft.estimation.moments.misread import AXES, SCALE, UNITS, Misreading, misreadings
+from coheft.estimation.moments.misread import AXES, SCALE, UNITS, Misreading, WrenchFit
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import OFFSET, THETA
 
 _JUDGED = 256
 """Number of newest rows that are tested; older ones have been tested before."""
+_READ_OTHERWISE = 64
+"""Number of newest rows whose wrenches are tried otherwise: it takes some 0.5 ms for each robot of a team."""
 _LEAST_REDUCTION = 0.1
 """A sensor error is judged if measurements have removed this share of its prior variance."""
 _POSE, _MOTION, _LOAD = 6, 12, 10
@@ -50,7 +52,7 @@ class Verdict:
         outcome: The outcome.
         rival: If undecided, index of the robot (None if any) and sensor that would explain the wrenches as well.
         robot: Index of the robot that fits worst, if one stands out.
-        misreading: If wrenches fit no load, how those of one robot would have to be read to fit.
+        misreading: If wrenches fit no load, what would make them fit, if known.
     """
 
     outcome: Outcome
@@ -104,16 +106,13 @@ def judge(
     return Verdict(Outcome.UNDECIDED, (found.robot if found.kind == "force" else None, found.kind))
 
 
-def misreading_of_one(body: BodyModel, extended_rows: Array, guards: Guards) -> Misreading | None:
-    """Return how the wrenches of the only robot for which that is possible would have to be read to fit, or None.
-
-    See ``misreadings`` for the arguments.
-    """
-    for by in (SCALE, UNITS, AXES):
-        found = list(misreadings(body, extended_rows[-_JUDGED:], by))
+def misreading(body: BodyModel, extended_rows: Array, guards: Guards) -> Misreading | None:
+    """Return the only thing that would make wrenches fit a load, or None; see ``WrenchFit`` for the arguments."""
+    wrenches = WrenchFit(body, extended_rows[-_READ_OTHERWISE:])
+    for found in (wrenches.as_read(), wrenches.untared(), *map(wrenches.misreadings, (SCALE, UNITS, AXES))):
         fitting = [each for each in found if _fits(each.residuals, each.freedom, guards.largest_wrench_misfit, guards)]
         if fitting:
-            return fitting[0] if len(fitting) == 1 else None
+            return fitting[0] if len(fitting) == 1 and fitting[0].words else None
     return None
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
-from coheft.agents.efficient.judge import Outcome, Verdict, judge, misreading_of_one
+from coheft.agents.efficient.judge import Verdict, judge, misreading
 from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.one_load import OneLoad
 from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
@@ -25,6 +25,7 @@ from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.misfit import KnownLoad
+from coheft.estimation.moments.misread import Misreading
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
@@ -145,15 +146,14 @@ class Knowledge:
         return judge(self.fitted, self.innovations, self.buffer, self._guards, self._settings, self.drift, load_before)
 
     def judge_by_motion(self) -> Verdict:
-        """Judge a fit to the motion alone, which becomes the estimate: wrenches that fit no load make poses wrong.
+        """Judge a fit to the motion alone, which becomes the estimate: wrenches that fit no load make poses wrong."""
+        self.fit(end=self.buffer.start, keeps_motion=True)
+        return self.judge()
 
-        If no load fits at its poses either, the verdict says how the wrenches of one robot would have to be read.
-        """
-        body = self.fit(end=self.buffer.start, keeps_motion=True).body
-        verdict = self.judge()
-        if verdict.outcome is not Outcome.NO_LOAD or not self.is_small:
-            return verdict
-        return replace(verdict, misreading=misreading_of_one(body, self.buffer.rows[self.buffer.of_load], self._guards))
+    def misreading(self) -> Misreading | None:
+        """What would make wrenches fit a load at the poses of the estimate, None if that is not known."""
+        rows = self.buffer.rows[self.buffer.of_load]
+        return misreading(self.fitted.body, rows, self._guards) if self.is_small else None
 
     def reevaluate(self) -> None:
         """Evaluate all rows of the buffer again, because some have moved in it."""

@@ -1,9 +1,9 @@
-"""Whether wrenches fit a load once those of one robot are read with another sign, in other units, or in other axes.
+"""Whether wrenches fit a load once they are tared, or those of one robot are read otherwise.
 
     sum_j Ad(g_j) u_j + Ad(g_i) D u_i = X(psi) theta + offset,    D = sum_k d_k D_k
 
 is linear in theta, the offset and the ``d_k``, at poses that are known from the motion. ``1 + D`` takes what robot i
-has read to what would fit.
+has read to what would fit: it has another sign, other units, or other axes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from coheft.estimation.geometry.spatial import Array, rotation_log
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
 from coheft.estimation.moments.rows import ROW_SIZE
-from coheft.estimation.moments.unknowns import THETA
+from coheft.estimation.moments.unknowns import OFFSET, THETA
 
 _FORCES = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 SCALE: Array = np.eye(6)[None]
@@ -30,62 +30,95 @@ _ALIKE = 0.2
 """Factors that differ by less are called alike, and a turn by less [rad] is not told beside another factor: sensors
 within their tolerances make both.
 """
+_LEAST = 0.1
+"""Misreadings change wrenches by at least this share; what changes them by less are errors of sensors."""
 _ROUNDING = 1e-6
+_UNTARED = "with a constant offset: has a sensor not been tared?"
+_THETA_SIZE = 10
 
 
 class Misreading(NamedTuple):
-    """How the wrenches of one robot would have to be read.
+    """What would make wrenches fit a load.
 
     Attributes:
-        robot: Index of the robot.
-        factor: The matrix ``1 + D`` by which to multiply its wrenches ``(f, t)``, shape (6, 6).
+        robot: Index of the robot whose wrenches would have to be read otherwise; None for an offset of their sum.
+        words: How: the rest of a sentence that begins with "wrenches fit no load, but would".
         residuals: Those of the total wrench then, in standard deviations, shape (n, 1, 6).
         freedom: Their degrees of freedom.
     """
 
-    robot: int
-    factor: Array
+    robot: int | None
+    words: str
     residuals: Array
     freedom: int
 
-    @property
-    def in_words(self) -> str:
-        """What the factor means: the rest of a sentence whose subject is the wrenches."""
-        force, torque = (float(np.cbrt(np.linalg.det(part))) for part in (self.factor[:3, :3], self.factor[3:, 3:]))
-        left, _, right = np.linalg.svd(self.factor[:3, :3] / force)
-        turn = rotation_log(left @ right)
-        if (angle := float(np.linalg.norm(turn))) > (_ROUNDING if abs(force - 1.0) < _ALIKE else _ALIKE):
-            x, y, z = np.round(turn / angle, 1) + 0.0  # no -0.0
-            sign = "had the opposite sign and " if force < 0.0 else ""
-            return f"{sign}were turned by {np.degrees(angle):.0f}° about ({x}, {y}, {z})"
-        if abs(force - torque) > _ALIKE * abs(force):
-            return f"had {force:.2g} times the forces and {torque:.2g} times the torques"
-        return "had the opposite sign" if abs(force + 1.0) < _ALIKE else f"were {force:.2g} times as large"
 
-
-def misreadings(body: BodyModel, extended_rows: Array, by: Array) -> Iterator[Misreading]:
-    """Yield the likeliest misreading by each robot, if the load then has a mass above zero.
+class WrenchFit:
+    """Fits of a load to the wrenches of rows.
 
     Args:
-        body: Matrices at a state whose poses do not depend on wrenches.
+        body: Matrices at a state whose poses do not depend on these wrenches.
         extended_rows: Rows with one load, shape (n, X).
-        by: The matrices ``D_k``: ``SCALE``, ``UNITS`` or ``AXES``.
     """
-    count = len(extended_rows)
-    of_load = np.einsum("nf,fal->nal", extended_rows @ body.motion_map[FORCING].T, REGRESSOR)
-    total = extended_rows @ body.wrench_map.T
-    own = extended_rows[:, : body.one].reshape(count, body.count, ROW_SIZE)[:, :, rows.WRENCH]
-    for robot in range(body.count):
-        read_otherwise = np.einsum("ab,kbc,nc->nak", body.adjoints[robot], by, own[:, robot])
-        regressor = np.concatenate([of_load, -read_otherwise], axis=2)
-        covariance = body.wrench_noise
+
+    def __init__(self, body: BodyModel, extended_rows: Array) -> None:
+        self._body, self._count = body, len(extended_rows)
+        self._of_load = np.einsum("nf,fal->nal", extended_rows @ body.motion_map[FORCING].T, REGRESSOR)
+        self._total = extended_rows @ body.wrench_map.T
+        each = extended_rows[:, : body.one].reshape(self._count, body.count, ROW_SIZE)
+        self._own = each[:, :, rows.WRENCH]
+
+    def as_read(self) -> Iterator[Misreading]:
+        """Yield the fit of a load without an offset, if it has a mass above zero."""
+        for _, _, residuals in self._fitted(np.zeros((self._count, 6, 0)), has_offset=False):
+            yield Misreading(None, "", residuals, residuals.size - _THETA_SIZE)
+
+    def untared(self) -> Iterator[Misreading]:
+        """Yield that of a load and an offset."""
+        for load, _, residuals in self._fitted(np.zeros((self._count, 6, 0))):
+            yield Misreading(None, _UNTARED, residuals, residuals.size - len(load))
+
+    def misreadings(self, by: Array) -> Iterator[Misreading]:
+        """Yield the likeliest misreading by each robot, if the load then has a mass above zero.
+
+        Args:
+            by: The matrices ``D_k``: ``SCALE``, ``UNITS`` or ``AXES``.
+        """
+        for robot in range(self._body.count):
+            read_otherwise = np.einsum("ab,kbc,nc->nak", self._body.adjoints[robot], by, self._own[:, robot])
+            for load, found, residuals in self._fitted(-read_otherwise):
+                change = np.tensordot(found, by, axes=1)
+                if np.abs(change).max() > _LEAST:
+                    words = in_words(np.eye(6) + change)
+                    yield Misreading(robot, words, residuals, residuals.size - len(load) - len(found))
+
+    def _fitted(self, others: Array, has_offset: bool = True) -> Iterator[tuple[Array, Array, Array]]:
+        """Fit offset and theta (16,), and the factors (k,) of other regressors (n, 6, k) to the total wrench.
+
+        Yield these and the residuals (n, 1, 6), in standard deviations; nothing if the mass is not above zero.
+        """
+        regressor = np.concatenate([self._of_load, others], axis=2)
+        if not has_offset:
+            regressor[:, :, OFFSET] = 0.0
+        size, covariance = self._of_load.shape[2], self._body.wrench_noise
         for _ in range(2):  # the noise of the motion counts as well, as soon as the load is known
             white = np.linalg.inv(np.linalg.cholesky(covariance))
-            by_all, known = (white @ regressor).reshape(6 * count, -1), (total @ white.T).ravel()
+            by_all, known = (white @ regressor).reshape(6 * self._count, -1), (self._total @ white.T).ravel()
             found, *_ = np.linalg.lstsq(by_all, known)
-            covariance = residual_covariance(body, found[: -len(by)])
-        if not found[THETA.start] > 0.0:
-            continue
-        residuals = (known - by_all @ found).reshape(count, 1, 6)
-        factor = np.eye(6) + np.tensordot(found[-len(by) :], by, axes=1)
-        yield Misreading(robot, factor, residuals, residuals.size - len(found))
+            covariance = residual_covariance(self._body, found[:size])
+        if found[THETA.start] > 0.0:
+            yield found[:size], found[size:], (known - by_all @ found).reshape(self._count, 1, 6)
+
+
+def in_words(factor: Array) -> str:
+    """Say what it means if wrenches ``(f, t)`` have to be multiplied by a factor (6, 6); "if those of r2" precedes."""
+    force, torque = (float(np.cbrt(np.linalg.det(part))) for part in (factor[:3, :3], factor[3:, 3:]))
+    left, _, right = np.linalg.svd(factor[:3, :3] / force)
+    turn = rotation_log(left @ right)
+    if (angle := float(np.linalg.norm(turn))) > (_ROUNDING if abs(force - 1.0) < _ALIKE else _ALIKE):
+        x, y, z = np.round(turn / angle, 1) + 0.0  # no -0.0
+        sign = "had the opposite sign and " if force < 0.0 else ""
+        return f"{sign}were turned by {np.degrees(angle):.0f}° about ({x}, {y}, {z})"
+    if abs(force - torque) > _ALIKE * abs(force):
+        return f"had {force:.2g} times the forces and {torque:.2g} times the torques"
+    return "had the opposite sign" if abs(force + 1.0) < _ALIKE else f"were {force:.2g} times as large"
