@@ -27,7 +27,7 @@ from coheft.estimation.moments.unknowns import OFFSET, THETA
 _JUDGED = 256
 """Number of newest rows that are tested; older ones have been tested before."""
 _READ_OTHERWISE = 64
-"""Number of newest rows whose wrenches are tried otherwise: it takes some 0.5 ms for each robot of a team."""
+"""Number of newest rows whose wrenches are tried otherwise: this takes about 1 ms for each robot of the team."""
 _LEAST_REDUCTION = 0.1
 """A sensor error is judged if measurements have removed this share of its prior variance."""
 _POSE, _MOTION, _LOAD = 6, 12, 10
