@@ -5,7 +5,7 @@ rows fit if no stretch of residuals and not the sum of their squares is larger t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -107,12 +107,23 @@ def judge(
 
 
 def misreading(body: BodyModel, extended_rows: Array, guards: Guards) -> Misreading | None:
-    """Return the only thing that would make wrenches fit a load, or None; see ``WrenchFit`` for the arguments."""
+    """Return the only thing that would make wrenches fit a load, or None; see ``WrenchFit`` for the arguments.
+
+    If the others' wrenches fit a load by themselves, a robot's factor means nothing.
+    """
+
+    def fitting(found: Iterable[Misreading]) -> list[Misreading]:
+        largest = guards.largest_wrench_misfit
+        return [each for each in found if _fits(each.residuals, each.freedom, largest, guards)]
+
     wrenches = WrenchFit(body, extended_rows[-_READ_OTHERWISE:])
     for found in (wrenches.as_read(), wrenches.untared(), *map(wrenches.misreadings, (SCALE, UNITS, AXES))):
-        fitting = [each for each in found if _fits(each.residuals, each.freedom, guards.largest_wrench_misfit, guards)]
-        if fitting:
-            return fitting[0] if len(fitting) == 1 and fitting[0].words else None
+        match fitting(found):
+            case []:
+                continue
+            case [only] if only.words and (only.robot is None or not fitting(wrenches.without(only.robot))):
+                return only
+        return None
     return None
 
 

@@ -147,13 +147,16 @@ class Knowledge:
 
     def judge_by_motion(self) -> Verdict:
         """Judge a fit to the motion alone, which becomes the estimate: wrenches that fit no load make poses wrong."""
+        if self.is_small and self.is_first_load:
+            self.estimate = None  # a fit from poses that wrenches have moved far does not converge
         self.fit(end=self.buffer.start, keeps_motion=True)
         return self.judge()
 
     def misreading(self) -> Misreading | None:
-        """What would make wrenches fit a load at the poses of the estimate, None if that is not known."""
+        """What would make wrenches fit a load at the poses of the estimate; None if unknown, or may be chance."""
+        is_known = not self.misses_poses and self.buffer.load_rows >= 2 * self.least
         rows = self.buffer.rows[self.buffer.of_load]
-        return misreading(self.fitted.body, rows, self._guards) if self.is_small else None
+        return misreading(self.fitted.body, rows, self._guards) if self.is_small and is_known else None
 
     def reevaluate(self) -> None:
         """Evaluate all rows of the buffer again, because some have moved in it."""

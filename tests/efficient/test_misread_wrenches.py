@@ -17,14 +17,14 @@ FORCE, TORQUE = slice(WRENCH.start, WRENCH.start + 3), slice(WRENCH.start + 3, W
 
 
 def said(
-    robots: Collection[str], columns: slice = WRENCH, factor: float = 1.0, offset: float = 0.0
+    robots: Collection[str], columns: slice = WRENCH, factor: float = 1.0, offset: float = 0.0, until: int = 150
 ) -> dict[str, Estimate]:
-    """The estimates of three robots after some seconds if these robots' readings have a factor and an offset."""
+    """The estimates of three robots after so many blocks if these robots' readings have a factor and an offset."""
     shipped = load_scenario("ring3")
     sensors = msgspec.structs.replace(shipped.sensors, rate=500, block=10)
     team = TeamInProcess(msgspec.structs.replace(shipped, load_changes=(), sensors=sensors))
     found: dict[str, Estimate] = {}
-    while team.simulation.block < 150:
+    while team.simulation.block < until:
         blocks = dict(measured(team.measure()))
         for name in robots:
             samples = np.array(blocks[name].samples)
@@ -64,3 +64,10 @@ def test_a_robot_that_uses_none_of_its_samples_is_missed_by_all() -> None:
     assert "own sensors: the torque has outliers" in found["r2"].reasons
     for estimate in found.values():
         assert any(reason.startswith("measurements of r2 are missing since") for reason in estimate.reasons)
+
+
+def test_poses_that_these_wrenches_have_moved_far_do_not_make_the_motion_seem_wrong() -> None:
+    """A fit to the motion that begins at them does not converge, and another robot's sensors seem to be off."""
+    for estimate in said({"r2"}, FORCE, factor=-1.0, until=80).values():
+        (reason,) = estimate.reasons
+        assert "would if those of r2 had forces of the opposite sign" in reason

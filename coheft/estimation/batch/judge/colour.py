@@ -35,14 +35,14 @@ def colour_of(misfit: WrenchMisfit, faults: Sequence[tuple[Fit, float]]) -> tupl
     """
     if not _reaches_beyond(misfit.plain.residual, misfit):
         return None
-    least = np.inf
+    candidates = list[tuple[float, Array, Array, float]]()
     for fit, cost in [(misfit.plain, 0.0), *faults]:
         power = np.mean(fit.residual**2, axis=-1)
         smooth = [_smooth(misfit.band.frequency, own) for own in power.T]
         spectrum = np.stack([own for own, _ in smooth], axis=-1)
         found = 3.0 * float(np.sum(np.log(spectrum) + power / spectrum)) + cost
-        if found < least:
-            least, residual, colour, time = found, fit.residual, spectrum, max(span for _, span in smooth)
+        candidates.append((found, fit.residual, spectrum, max(span for _, span in smooth)))
+    _, residual, colour, time = min(candidates, key=lambda each: each[0])
     if not _reaches_beyond(residual, misfit):
         return None
     relative = np.mean(residual**2, axis=-1) / colour

@@ -58,7 +58,9 @@ def turned_words(axes: Array, whose: str) -> str:
     nearest = np.rint(axes)
     if np.linalg.det(axes) < 0.0:
         names = [f"{'-' if own.sum() < 0.0 else ''}{'xyz'[np.argmax(np.abs(own))]}" for own in nearest.T]
-        how = f", {' '.join(names)} of the grasp frame" if np.abs(axes - nearest).max() < 0.1 else ""
+        how = (
+            f": its x, y and z are {', '.join(names)} of the grasp frame" if np.abs(axes - nearest).max() < 0.1 else ""
+        )
         return f"axes of the wrench of {whose} are left-handed{how}: axes were exchanged, or one has the opposite sign"
     turn = Rotation.from_matrix(axes).as_rotvec()
     angle = float(np.linalg.norm(turn))
