@@ -13,7 +13,7 @@ from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.misread import Misreading
+from coheft.estimation.moments.misread import Misreading, in_words
 from coheft.estimation.moments.rows import ROW_SIZE, WRENCH, A, RowNoise
 from coheft.estimation.moments.unknowns import State
 from tests.efficient.rows import PERIOD, POSES, made_up_rows
@@ -106,3 +106,8 @@ def test_a_frozen_sensor_is_not_misread():
     rows = read(np.eye(6))
     rows[:, WRENCH] = rows[0, WRENCH]
     assert found(rows) is None
+
+
+def test_a_factor_of_nearly_nothing_is_no_unit():
+    assert in_words(1e-5 * np.eye(6)) == ""
+    assert in_words(np.kron(np.diag([1.0, 0.0]), np.eye(3))) == ""
