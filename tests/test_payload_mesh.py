@@ -73,6 +73,20 @@ def test_shells_that_overlap_are_remarked(caplog: pytest.LogCaptureFixture) -> N
     assert "turn the inner one inside out if it is a cavity" in caplog.text
 
 
+def test_what_lies_in_three_shells_counts_two_times_too_often(caplog: pytest.LogCaptureFixture) -> None:
+    surface = np.concatenate([box(at, 0.0, 0.0, edges=[0.4, 0.2, 0.1]) for at in (0.0, 0.1, 0.2)])
+    filled(surface, None, 500.0, "x")
+    found = re.search(r"about (.*)% of its volume is counted twice", caplog.text)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(50.0, abs=3.0)  # 12 kg where the union has 6 kg
+
+
+def test_shells_that_hardly_overlap_are_not_remarked(caplog: pytest.LogCaptureFixture) -> None:
+    surface = np.concatenate([box(at, 0.0, 0.0, edges=[0.4, 0.2, 0.1]) for at in (0.0, 0.3999)])
+    filled(surface, None, 500.0, "x")
+    assert caplog.text == ""
+
+
 @pytest.mark.parametrize("far", [0.0, 0.5], ids=["alone", "beside another shell"])
 def test_shells_inside_out_are_refused(far: float) -> None:
     surface = box(far, 0.0, 0.0, inside_out=True)

@@ -88,6 +88,24 @@ def test_pictures_may_be_missing(texture: str, tmp_path: Path) -> None:
     assert load(tmp_path, model).payload.inertia().mass == pytest.approx(PLATE_MASS)
 
 
+@pytest.mark.parametrize(
+    "driven",
+    [
+        '<keyframe><key name="home" qpos="0 0 1 1 0 0 0"/></keyframe>',
+        '<actuator><motor joint="free" gear="0 0 1 0 0 0"/></actuator>',
+        '<sensor><framepos objtype="body" objname="b"/></sensor>',
+    ],
+)
+def test_what_drives_or_measures_a_floating_body_does_not_matter(driven: str, tmp_path: Path) -> None:
+    """MuJoCo itself loads these models, in which the free joint is below a body that is fixed to the world."""
+    model = world(f'<body name="stand"><body name="b"><freejoint name="free"/>{PLATE}</body></body>')
+    model = model.replace("<mujoco>", '<mujoco><compiler fusestatic="true"/>').replace(
+        "</mujoco>", f"{driven}</mujoco>"
+    )
+    assert mujoco.MjModel.from_xml_string(model).nbody == 2
+    assert load(tmp_path, model).payload.inertia().mass == pytest.approx(PLATE_MASS)
+
+
 def test_mujocos_warnings_are_lines_of_ours(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,9 +122,12 @@ def test_mujocos_warnings_are_lines_of_ours(
     assert list(elsewhere.iterdir()) == []
 
 
-def test_shapes_for_their_looks_are_remarked(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("compiler", ["", '<compiler discardvisual="true"/>'])
+def test_shapes_for_their_looks_are_remarked(compiler: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """MuJoCo counts their mass even if it discards them."""
     looks = PLATE.replace("400", "200").replace("/>", ' contype="0" conaffinity="0"/>')
-    scenario = load(tmp_path, world(f'<body name="b"><freejoint/>{PLATE}{looks}</body>'))
+    model = world(f'<body name="b"><freejoint/>{PLATE}{looks}</body>').replace("<mujoco>", f"<mujoco>{compiler}")
+    scenario = load(tmp_path, model)
     assert scenario.payload.inertia().mass == pytest.approx(1.5 * PLATE_MASS)
     assert "6.4 kg of 19.2 kg, 33%, are of shapes that collide with nothing" in caplog.text
 
@@ -196,7 +217,22 @@ def test_meshes_that_are_not_filled_exactly_are_remarked(
     else:
         assert mass > 9.6
         assert "by a rule that is exact for convex ones only" in caplog.text
-        assert "there would be 8.4 kg" in caplog.text
+        assert "there would be 0.007 m³" in caplog.text
+
+
+@pytest.mark.parametrize(("inertia", "makes"), [("legacy", "0.02726"), ("convex", "0.036")])
+def test_meshes_that_mujoco_cannot_fill_exactly_are_remarked(
+    inertia: str, makes: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Two boxes that touch, of which one has an edge in a face of the other's."""
+    upper = trimesh.creation.box(bounds=[[-0.4, 0.0, -0.05], [0.4, 0.2, 0.05]])
+    lower = trimesh.creation.box(bounds=[[0.2, -0.4, -0.05], [0.4, 0.0, 0.05]])
+    trimesh.util.concatenate([upper, lower]).export(tmp_path / "ell.stl")
+    body = world('<body name="b"><freejoint/><geom type="mesh" mesh="ell" density="400"/></body>')
+    mesh = f'<asset><mesh name="ell" file="ell.stl" inertia="{inertia}"/></asset>'
+    mass = load(tmp_path, body.replace("<mujoco>", f"<mujoco>{mesh}")).payload.inertia().mass
+    assert mass == pytest.approx(400.0 * float(makes), rel=1e-3)
+    assert f"which makes {makes} m³; up to their surfaces there would be 0.024 m³" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -263,6 +299,20 @@ def test_meshes_that_mujoco_does_not_read_are_named(file: str, advice: str, tmp_
     shape = f'<collision><geometry><mesh filename="{file}"/></geometry></collision>'
     with pytest.raises(ScenarioError, match=f"; {advice}$"):
         load(tmp_path, f'<robot name="r"><link name="l">{shape}</link></robot>', "part.urdf")
+
+
+@pytest.mark.parametrize(
+    ("model", "advice"),
+    [
+        ("<mujoco><worldbody>", "is it whole[?] Expected MJCF or URDF, as XML in UTF-8"),
+        ("", "is it whole[?] Expected MJCF or URDF, as XML in UTF-8"),
+        (world('<body><freejoint/><geom size="0.1" mass="0"/></body>'), "give its shapes a density or a mass, .*"),
+        (world('<body><include file="gone.xml"/></body>'), "expected it there: paths are relative to this file, .*"),
+    ],
+)
+def test_models_that_mujoco_does_not_read_come_with_advice(model: str, advice: str, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=f"MuJoCo cannot use it: .*; {advice}$"):
+        load(tmp_path, model)
 
 
 def test_expressions_in_a_urdf_are_named(tmp_path: Path) -> None:

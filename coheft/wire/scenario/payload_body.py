@@ -21,7 +21,6 @@ from coheft.wire.scenario.payload_mesh import check_surface, overlap_of
 from coheft.wire.scenario.payload_model import (
     DEFAULT_DENSITY,
     PayloadModel,
-    fill_meshes_exactly,
     keep_what_is_written,
     leave_out_defaults,
     leave_out_looks,
@@ -168,34 +167,37 @@ class HeldBody:
                 f"collide with nothing (contype and conaffinity 0); if they are there for their looks only, give them "
                 f"mass = 0"
             )
-        exact = self._inertia_of(self.model.variant(self.inside, fill_meshes_exactly))
-        if exact is not None and not _alike(whole, exact):
-            LOG.warning(
-                f"coheft: {place}: MuJoCo fills meshes by a rule that is exact for convex ones only, which makes "
-                f"{whole.mass:.4g} kg; up to their surfaces there would be {exact.mass:.4g} kg with other moments of "
-                f"inertia, as 'payload.mesh' has it: give these meshes inertia=\"exact\" if that is meant"
-            )
         self._remark_shapes(place)
 
     def _remark_shapes(self, place: str) -> None:
-        """Write to the log which of the shapes that have mass are not closed, and which overlap."""
+        """Write to the log which of the shapes that have mass are not closed, not filled exactly, or overlap."""
         import mujoco
 
         model = self.model.compiled
-        solid = []
+        rules = {mesh.id: mesh.inertia for mesh in self.model.spec.meshes}
+        solid, meshes = [], np.zeros(2)
         for geom, triangles in self._shapes():
             if geom not in self.model.weighing:
                 continue
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            if mujoco.mjtGeom(model.geom_type[geom]) in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF):
                 try:
                     check_surface(triangles, f"{place}: mesh {model.mesh(model.geom_dataid[geom]).name!r}")
                 except ScenarioError as error:
                     LOG.warning(f"coheft: {error}; MuJoCo fills it all the same, so that its mass may be wrong")
                     continue
+                meshes += _filled(_triangles(model, geom), rules[model.geom_dataid[geom]]), _volume(triangles)
             if model.geom_contype[geom] or model.geom_conaffinity[geom]:
                 solid.append(triangles)
+        filled, exact = meshes
+        if abs(filled - exact) > _SMALL_DIFFERENCE * exact:
+            LOG.warning(
+                f"coheft: {place}: MuJoCo fills meshes by a rule that is exact for convex ones only, which makes "
+                f"{filled:.4g} m³; up to their surfaces there would be {exact:.4g} m³ with another centre of mass and "
+                f"other moments of inertia, as 'payload.mesh' has it: give these meshes inertia=\"exact\", or join "
+                f"their shells, if that is meant"
+            )
         twice, where = overlap_of(solid, np.concatenate(solid)) if solid else (0.0, None)
-        volume = sum(float(np.linalg.det(shape - shape.mean(axis=(0, 1))).sum()) / 6.0 for shape in solid)
+        volume = sum(_volume(shape) for shape in solid)
         if where is not None and twice > _SMALL_DIFFERENCE * volume:
             LOG.warning(
                 f"coheft: {place}: shapes overlap, {where}: about {twice / volume:.1%} of their volume is counted "
@@ -259,7 +261,7 @@ def _triangles(model: mujoco.MjModel, geom: int) -> Array:
 
     make, size = trimesh.creation, np.array(model.geom_size[geom])
     match mujoco.mjtGeom(model.geom_type[geom]):
-        case mujoco.mjtGeom.mjGEOM_MESH:
+        case mujoco.mjtGeom.mjGEOM_MESH | mujoco.mjtGeom.mjGEOM_SDF:
             mesh = model.geom_dataid[geom]
             faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
             shape = trimesh.Trimesh(model.mesh_vert[model.mesh_vertadr[mesh] :], faces, process=False)
@@ -275,6 +277,22 @@ def _triangles(model: mujoco.MjModel, geom: int) -> Array:
             middle, halves = np.array(model.geom_aabb[geom]).reshape(2, 3)
             shape = make.box(2.0 * halves).apply_translation(middle)
     return np.array(shape.triangles, dtype=np.float64)
+
+
+def _volume(triangles: Array) -> float:
+    """Return the volume inside of a closed surface of triangles (n, 3, 3) [m³]."""
+    return float(np.linalg.det(triangles - triangles.mean(axis=(0, 1))).sum()) / 6.0
+
+
+def _filled(triangles: Array, rule: mujoco.mjtMeshInertia) -> float:
+    """Return the volume that MuJoCo finds in a mesh [m³], whose triangles (n, 3, 3) are in its own frame."""
+    import mujoco
+    import trimesh
+
+    if rule == mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX:
+        return float(trimesh.convex.convex_hull(triangles.reshape(-1, 3)).volume)
+    volumes = np.linalg.det(triangles) / 6.0  # of pyramids with the centre of mass as their tip
+    return float((np.abs(volumes) if rule == mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY else volumes).sum())
 
 
 def _alike(one: Inertia, other: Inertia) -> bool:

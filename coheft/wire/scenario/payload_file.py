@@ -19,6 +19,7 @@ from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Scenario
 
 _MESHES = "MuJoCo reads meshes in binary .stl, and .obj: convert them"
+_XML = "is it whole? Expected MJCF or URDF, as XML in UTF-8"
 _ADVICE = {
     "stl_decoder": _MESHES,
     "no decoder found for mesh": _MESHES,
@@ -26,6 +27,11 @@ _ADVICE = {
     "bad format in attribute": "expected numbers: if there are expressions, run xacro first",
     "file:/": "give the path of the mesh without file://",
     "package:/": "packages of ROS are not known here: give the path relative to this file",
+    "Error opening file": "expected it there: paths are relative to this file, and to 'meshdir' of its compiler",
+    "mjMINVAL": "give its shapes a density or a mass, or the body an <inertial>, in kg and metres",
+    "ParseXML": _XML,
+    "XML parse error": _XML,
+    "codec can't decode": _XML,
 }
 """What to do about MuJoCo's errors, by a part of their texts; the first that fits counts."""
 

@@ -1,7 +1,7 @@
 """MuJoCo models of payloads, from users' files.
 
-A model is compiled for its mass properties and shapes alone: what it looks like does not matter, so pictures may be
-missing. What MuJoCo warns of is written to the log.
+A model is compiled for its mass properties and shapes alone: what it looks like, and how it is driven and measured, do
+not matter, so pictures may be missing. What MuJoCo warns of is written to the log.
 """
 
 from __future__ import annotations
@@ -75,10 +75,10 @@ def read_model(path: Path) -> PayloadModel:
 
     with _warnings_to_log(path):
         spec = mujoco.MjSpec.from_file(str(path))
-        _leave_out_pictures(spec)
+        _leave_out_unused(spec)
         bodies = list(spec.bodies)[1:]
         floating = [number for number, body in enumerate(bodies, start=1) if _take_off_free_joint(spec, body)]
-        spec.compiler.fusestatic = False  # bodies keep their names
+        spec.compiler.fusestatic = spec.compiler.discardvisual = False  # bodies keep their names, and all shapes
         taken = {body.name for body in bodies}
         for number, body in enumerate(bodies, start=1):
             numbered = (f"body {number}" + "_" * more for more in count())
@@ -101,13 +101,16 @@ def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
     return bool(always or not body.explicitinertial)
 
 
-def _leave_out_pictures(spec: mujoco.MjSpec) -> None:
-    """Give every texture one colour and, as only a sky needs none, a name, so that no image is read; take off skins."""
+def _leave_out_unused(spec: mujoco.MjSpec) -> None:
+    """Take off what has no mass, but needs files that may be missing, or free joints that may be taken off.
+
+    These are skins, keyframes, actuators and sensors. Every texture gets one colour and, as only a sky needs none, a
+    name, so that no image is read.
+    """
     import mujoco
 
-    for skin in spec.skins:
-        spec.delete(skin)
-
+    for element in (*spec.skins, *spec.keys, *spec.actuators, *spec.sensors):
+        spec.delete(element)
     for number, texture in enumerate(spec.textures):
         texture.name = texture.name or f"texture {number}"
         texture.file, texture.cubefiles = "", [""] * 6
@@ -157,17 +160,6 @@ def keep_what_is_written(spec: mujoco.MjSpec, _: list[mujoco.MjsBody]) -> None:
     compiler = spec.compiler
     compiler.boundmass, compiler.boundinertia, compiler.balanceinertia = 0.0, 0.0, False
     compiler.settotalmass = -1.0
-
-
-def fill_meshes_exactly(spec: mujoco.MjSpec, held: list[mujoco.MjsBody]) -> None:
-    """Fill meshes up to their surfaces, which MuJoCo does by default for convex ones only."""
-    import mujoco
-
-    rough = (mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY)
-    used = {geom.meshname for body in held for geom in body.geoms}
-    for mesh in spec.meshes:
-        if mesh.name in used and mesh.inertia in rough:
-            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
 
 
 @contextmanager
