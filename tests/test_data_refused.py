@@ -38,6 +38,10 @@ def truth(**changes: object) -> dict[str, object]:
         ({"r2__speed": np.zeros(10)}, "'speed' of r2 is unknown; allowed: t, pose, twist"),
         ({"r2__t": None}, "'t' of r2 is missing"),
         ({"r2__twist": np.zeros((10, 5))}, r"'twist' of r2: found shape \(10, 5\), expected \(10, 6\)"),
+        (
+            {"r2__twist": np.vstack([np.zeros((8, 6)), np.full((2, 6), np.nan)])},
+            r"'twist' of r2: not a finite number at 0.8 s \(in all, in 2 samples\); .*: leave these samples out",
+        ),
         ({"r2__wrench": np.zeros((9, 6))}, r"'wrench' of r2: found shape \(9, 6\), expected \(10, 6\)"),
         ({"colour": np.zeros(3)}, "key 'colour' is unknown"),
         ({"gravity": np.zeros(2)}, "'gravity': found shape"),

@@ -191,8 +191,11 @@ def check_samples(name: str, robot: RobotRecord) -> None:
         if samples.shape != expected:
             raise RecordingError(f"'{channel}' of {name}: found shape {samples.shape}, expected {expected}")
         if not np.isfinite(samples).all():
-            bad = float(robot.time[~np.isfinite(samples).all(axis=1)][0])
-            raise RecordingError(f"'{channel}' of {name}: not a finite number at {bad:g} s")
+            bad = robot.time[~np.isfinite(samples).all(axis=1)]
+            raise RecordingError(
+                f"'{channel}' of {name}: not a finite number at {bad[0]:g} s (in all, in {len(bad)} samples); expected "
+                f"numbers: leave these samples out, or keep a part without"
+            )
     if robot.pose is None:
         return
     norms = np.linalg.norm(robot.pose[:, 3:], axis=1)

@@ -98,8 +98,8 @@ def suspicions_about(grasps: HandEye) -> tuple[str, ...]:
         return ()
     return (
         f"Poses differ by {turn:.2g}° and {1e3 * shift:.2g} mm from those of robots that hold one load. Are all clocks "
-        f"alike, quaternions in the order qx qy qz qw, poses those of grasp frames in home frames that stand still? "
-        f"Did all robots hold on all the time, and are they calibrated (--calibrate)?",
+        f"alike, positions in metres, quaternions in the order qx qy qz qw, poses those of grasp frames in home frames "
+        f"that stand still? Did all robots hold on all the time, and are they calibrated (--calibrate)?",
     )
 
 

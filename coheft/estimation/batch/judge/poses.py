@@ -173,7 +173,7 @@ def _stretched(evidence: Evidence, views: _Views) -> Verdict | None:
     if evidence.tolerances is not None:
         return None
     names, (count, batches) = evidence.recording.names, views.rest.shape[:2]
-    gains, factors, deviations = np.empty((3, count))
+    gains, excesses, deviations = np.empty((3, count))
     columns = np.empty((count, batches, 6))
     for robot, positions in enumerate(views.positions):
         column = np.hstack([np.zeros((batches, 3)), positions]) * views.scale
@@ -186,12 +186,14 @@ def _stretched(evidence: Evidence, views: _Views) -> Verdict | None:
         # The residuals of a compliant grip are correlated.
         correlation = float(np.clip(np.sum(left[1:] * left[:-1]) / square, 0.0, 0.95))
         variance = square / left.size * (1.0 + correlation) / (1.0 - correlation) / size
-        gains[robot], factors[robot], deviations[robot] = excess**2 * size, 1.0 + excess, np.sqrt(variance)
+        gains[robot], excesses[robot], deviations[robot] = excess**2 * size, excess, np.sqrt(variance)
     worst = int(np.argmax(gains))
-    factor, std, culprit = float(factors[worst]), float(deviations[worst]), evidence.culprit(worst)
-    effect = abs(factor - 1.0) * np.sqrt(np.mean((columns[worst] / views.scale) ** 2))
-    if abs(factor - 1.0) < max(_SURE * std, _STRETCHED) or effect < _FINEST:
+    excess, std, culprit = float(excesses[worst]), float(deviations[worst]), evidence.culprit(worst)
+    effect = abs(excess) * np.sqrt(np.mean((columns[worst] / views.scale) ** 2))
+    if abs(excess) < max(_SURE * std, _STRETCHED) or effect < _FINEST:
         return None
+    factor = 1.0 / (1.0 - excess)  # the excess is a share of the positions as they were recorded
+    std *= factor**2
     is_large = bool(evidence.suspicions) or abs(factor - 1.0) > _CALIBRATED
     if is_large and gains[worst] * count / (count - 1) < _MOST * np.sum(views.rest**2):
         return None  # something else is wrong, which lengths explain a part of
