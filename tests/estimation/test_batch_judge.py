@@ -106,6 +106,17 @@ def test_one_fault_is_named_and_mended(fault: Fault, robots: tuple[str, ...], ca
     assert f"the mass is {mass:.4g} kg" in verdict.words
 
 
+def test_a_fault_that_leaves_much_is_not_called_the_only_one() -> None:
+    def behind(wrench: Array) -> Array:
+        return np.hstack([wrench[:, :3], wrench[:, 3:] + np.cross([0.0, 0.0, 0.1], wrench[:, :3])])
+
+    untared = with_fault(held_recording(SEED), to_wrench(lambda wrench: wrench + [4.0, -3.0, 2.0, 0.0, 0.0, 0.0]))
+    _, verdict = judged(with_fault(untared, to_wrench(behind), "r3"))
+    assert (verdict.cause, verdict.mass) == ("offset", None)
+    assert "One fault explains most of this" in verdict.words
+    assert "there may be another besides" in verdict.words
+
+
 @pytest.mark.parametrize("with_wrench", [True, False])
 @pytest.mark.parametrize("robot", ["r1", "r2"])
 def test_a_clock_that_is_late_is_named(with_wrench: bool, robot: str) -> None:

@@ -123,16 +123,19 @@ def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdi
     is_open = is_ambiguous(best, len(recording.names)) or (is_unit_of_all(best) and best.cause != assumed)
     alike = [] if is_open else [one for one in confirmed if one is not best and one.cause is best.cause]
     is_open = is_open or any(_apart(best.fit, one.fit) > _ALIKE for one in alike)
-    mass = None if is_open else best.fit.mass
+    leaves_much = best not in confirmed and bool(best.fit.excess >= _EXCESS + _SLACK)
+    mass = None if is_open or leaves_much else best.fit.mass
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
     others = [words_of(one, misfit) for one in alike]
     rest = "".join(f"; or {each}" for _, each in others) + (": which of these is not known" if others else "")
     if margin < _CLOSE:
         rest += f"; another fault, {second.cause.value}, explains it nearly as well"
+    if leaves_much:
+        rest += f"; it leaves {np.sqrt(best.fit.inside):.2g} times what noise explains: there may be another besides"
     return replace(
         _verdict_of(best, robot, suspects.homes),
         rivals=tuple(name or ALL for name, _ in others),
-        words=f"{_misfits(plain)}. One fault explains this: {words}{rest}{with_it}",
+        words=f"{_misfits(plain)}. One fault explains {'most of ' * leaves_much}this: {words}{rest}{with_it}",
         ratio=float(np.sqrt(plain.inside)),
         margin=margin,
         second=second.cause.value,
