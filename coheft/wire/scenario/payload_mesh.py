@@ -43,16 +43,17 @@ def read_triangles(path: Path) -> Array:
 
     What is not in the format that the suffix names is a ``ValueError``.
     """
-    if path.suffix.lower() == ".msh":
-        return _read_msh(path)
     import trimesh
 
     try:
+        if path.suffix.lower() == ".msh":
+            return _read_msh(path)
         surface = trimesh.load_mesh(path, process=False, skip_materials=True)
     except Exception as error:  # the readers may raise anything
+        reason = str(error) or type(error).__name__
         raise ValueError(
-            f"it cannot be read as {path.suffix or 'a mesh'} ({error or type(error).__name__}): is it whole? Expected "
-            f"triangles in .stl, .obj or .ply: convert other formats"
+            f"it cannot be read as {path.suffix or 'a mesh'} ({reason}): is it whole? Expected triangles in .stl, "
+            f".obj or .ply: convert other formats"
         ) from error
     triangles = np.array(getattr(surface, "triangles", ()), dtype=np.float64)
     if triangles.size == 0:
