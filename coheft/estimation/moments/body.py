@@ -112,6 +112,7 @@ class BodyModel:
         flexing: Indices of these, shape (N, 6), or (N, 0).
         without_velocity: Indices of all entries of ``psi`` but velocities: neither accelerations nor wrenches, nor the
             derivatives of these, depend on velocities.
+        of_twist: Indices of the entries that twists and their derivatives depend on.
         predict: Takes the motion to each robot's ``(w, v, a, slope)``, shape (N, 12, 19).
         predict_products: Takes the products of the motion to those of a robot's row, shape (N, 6, 6).
         shares: Weight of each robot in the mean of products, shape (N,).
@@ -137,9 +138,12 @@ class BodyModel:
         moving, flexing = MOTION_SIZE * (1 + self.has_rates), FLEXING_SIZE * errors.is_flexing
         self.features = moving + flexing * self.count
         self.flexing: Indices = np.arange(moving, self.features).reshape(self.count, flexing)
-        of_motion, of_flexing = np.r_[0:4, 7:MOTION_SIZE], self.flexing[:, FLEXING_SIZE // 2 :].ravel()
-        of_rates = MOTION_SIZE + of_motion[1:] if self.has_rates else []
-        self.without_velocity: Indices = np.r_[of_motion, of_rates, of_flexing].astype(np.intp)
+        of_velocity, of_acceleration = np.split(self.flexing, 2, axis=1)
+        used, of_rates = np.r_[0:4, 7:MOTION_SIZE], [MOTION_SIZE] if self.has_rates else []
+        rates = [first + used[1:] for first in of_rates]
+        self.without_velocity: Indices = np.concatenate([used, *rates, of_acceleration.ravel()]).astype(np.intp)
+        rates = [first + np.r_[TWIST] for first in of_rates]
+        self.of_twist: Indices = np.concatenate([np.r_[TWIST], *rates, of_velocity.ravel()]).astype(np.intp)
 
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.positions = np.array([pose.translation for pose in state.poses])

@@ -35,49 +35,76 @@ _FORCING_PRODUCTS = slice(7, 13)
 """Slice of the products within ``motion[FORCING]``."""
 
 
+FOUND_TWIST, FOUND, COMMON, WEIGHTED = (slice(first, first + 6) for first in range(0, 24, 6))
+"""Rows of ``MotionDerivatives.of_team``."""
+
+
 @dataclass(frozen=True, eq=False)
 class MotionDerivatives:
-    """Derivatives by the unknowns of the motion: all robots' own ones and the gyros' offset, m in number.
+    """Derivatives by m unknowns: k own ones of each robot, one robot after another, then common ones.
 
     Attributes:
-        own: Derivatives of predictions of ``(w, v, a, slope)``, shape (N, own, 12, features).
-        common: Derivatives of the products, shape (m, 6, features).
-        found: ``sum_i B_i^T W_i`` times derivatives of predictions of ``(a, slope)``, shape (m, 6, features).
+        own: Derivatives of predictions of ``(w, v, a, slope)``, shape (N, k, 12, features).
+        of_team: ``sum_i B_i^T W_i`` times derivatives of predictions, of twists and of ``(a, slope)``; derivatives of
+            the products; and these weighted like ``(a, slope)``, with half of what they add. Shape (m, 24, features).
     """
 
     own: Array
-    common: Array
-    found: Array
+    of_team: Array
+
+    @property
+    def found(self) -> Array:
+        """Change of the right side of the normal equations of ``(a, alpha)``, shape (m, 6, features)."""
+        return self.of_team[:, FOUND]
+
+    @property
+    def common(self) -> Array:
+        """Derivatives of the products, shape (m, 6, features)."""
+        return self.of_team[:, COMMON]
 
     @staticmethod
     def at(body: BodyModel) -> MotionDerivatives:
-        """Compute them at the state of ``body``."""
-        unknowns, features, count = body.unknowns, body.features, body.count
-        of_robots = count * unknowns.own
-        own = np.zeros((count, unknowns.own, KINEMATICS_SIZE, features))
+        """Compute those by the unknowns of the motion at the state of ``body``; common is the gyros' offset."""
+        unknowns, count = body.unknowns, body.count
+        own = np.zeros((count, unknowns.own, KINEMATICS_SIZE, body.features))
         own[:, :POSE_SIZE] = body.prediction_derivatives()
-        common, found = np.zeros((2, unknowns.motion_size, 6, features))
-        by_robot = common[:of_robots].reshape(count, unknowns.own, 6, features)
+        common = np.zeros((unknowns.motion_size, 6, body.features))
+        by_robot = common[: unknowns.gyros.start].reshape(count, unknowns.own, 6, -1)
         by_robot[:, :3, :, PRODUCTS] = body.shares[:, None, None, None] * PRODUCTS_BY_TURN
         if unknowns.errors.count:
-            own[:, POSE_SIZE:], by_robot[:, POSE_SIZE:] = _by_errors(body)
+            own[:, POSE_SIZE:], by_robot[:, POSE_SIZE:] = _by_errors(body, unknowns.errors.generators)
         common[unknowns.gyros, :, W] = -PRODUCTS_BY_RATE
+        return MotionDerivatives._of(body, own, common)
 
-        fusion = body.accelerations
-        to_found = fusion.weighted.swapaxes(1, 2)
-        found[:of_robots] = (to_found[:, None] @ own[:, :, rows.ACCELERATIONS]).reshape(of_robots, 6, features)
-        found += (to_found @ body.predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0) @ common
-        return MotionDerivatives(own, common, found)
+    @staticmethod
+    def by_errors(body: BodyModel, generators: Array) -> MotionDerivatives:
+        """Compute those by sensor errors with these generators (k, width, width), which need not be declared."""
+        own, common = _by_errors(body, generators)
+        return MotionDerivatives._of(body, own, common.reshape(-1, 6, body.features))
+
+    @staticmethod
+    def _of(body: BodyModel, own: Array, common: Array) -> MotionDerivatives:
+        fusion, by_products = body.accelerations, body.predict[:, rows.ACCELERATIONS, PRODUCTS]
+        weighted = (fusion.weight[:, :, None] * by_products).swapaxes(1, 2)
+        by_common, by_own = np.zeros((24, 6)), np.zeros((body.count, 1, 24, KINEMATICS_SIZE))
+        by_common[FOUND] = (fusion.weighted.swapaxes(1, 2) @ by_products).sum(axis=0)
+        by_common[COMMON], by_common[WEIGHTED] = np.eye(6), 0.5 * (weighted @ by_products).sum(axis=0)
+        by_own[:, 0, FOUND_TWIST, rows.TWIST] = body.twist.weighted.swapaxes(1, 2)
+        by_own[:, 0, FOUND, rows.ACCELERATIONS] = fusion.weighted.swapaxes(1, 2)
+        by_own[:, 0, WEIGHTED, rows.ACCELERATIONS] = weighted
+        of_team = by_common @ common
+        of_team[: own.shape[0] * own.shape[1]] += (by_own @ own).reshape(-1, 24, body.features)
+        return MotionDerivatives(own, of_team)
 
 
-def _by_errors(body: BodyModel) -> tuple[Array, Array]:
+def _by_errors(body: BodyModel, generators: Array) -> tuple[Array, Array]:
     """Derivatives by sensor errors: of predictions (N, q, 12, features), and of products (N, q, 6, features)."""
-    errors, count, features = body.unknowns.errors, body.count, body.features
+    count, features, (number, width, _) = body.count, body.features, generators.shape
     calibrated = body.predicted_rows()
 
     def generated(part: slice) -> Array:
-        generators = errors.generators[:, part].reshape(-1, errors.width)
-        result: Array = (generators @ calibrated).reshape(count, errors.count, -1, features)
+        flat = generators[:, part].reshape(-1, width)
+        result: Array = (flat @ calibrated).reshape(count, number, -1, features)
         return result
 
     fused = body.fusion_map[PRODUCTS, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.PRODUCTS].swapaxes(0, 1)
@@ -91,7 +118,7 @@ class WrenchDerivatives:
     Attributes:
         of_wrenches: The residual by all robots' wrenches, shape (6, w N).
         of_motion: The residual by ``psi``, shape (6, features).
-        local: Derivatives by each robot's own unknowns, linear in its wrench, shape (N, own, 6, w).
+        local: Derivatives by k own unknowns of each robot, linear in its wrench, shape (N, k, 6, w).
         common: Derivatives by all unknowns, linear in ``psi``, shape (u, 6, features).
     """
 
@@ -102,24 +129,46 @@ class WrenchDerivatives:
 
     @staticmethod
     def at(body: BodyModel, motion: MotionDerivatives, root: Array) -> WrenchDerivatives:
-        """Compute them at the state of ``body``, which has a load; ``root`` (6, 6) whitens the residual."""
-        unknowns, count, features = body.unknowns, body.count, body.features
-        size = WRENCH_SIZE * (1 + body.has_rates)
-        local = np.zeros((count, unknowns.own, 6, size))
+        """Compute those by all unknowns at the state of ``body``, which has a load.
+
+        Args:
+            body: Matrices at the state.
+            motion: Derivatives by the unknowns of the motion.
+            root: Whitens the residual, shape (6, 6).
+        """
+        unknowns, size = body.unknowns, len(body.unknowns.errors.wrench)
+        local = np.zeros((body.count, unknowns.own, 6, size))
         local[:, :POSE_SIZE, :, :WRENCH_SIZE] = body.adjoint_derivatives()
         if unknowns.errors.count:
-            by_errors = unknowns.errors.generators[:, rows.WRENCH, unknowns.errors.wrench]
-            local[:, POSE_SIZE:] = body.adjoints[:, None] @ by_errors
-
-        load = body.state.fitted_load
-        operator = load_operator(load)
-        common = np.zeros((unknowns.size, 6, features))
-        of_motion = common[: unknowns.motion_size]
-        of_motion[:] = (root @ spatial_inertia(load[THETA]) @ body.accelerations.covariance) @ motion.found
-        of_motion -= (root @ operator[:, _FORCING_PRODUCTS]) @ motion.common
+            local[:, POSE_SIZE:] = _wrenches_by_errors(body, unknowns.errors.generators)
+        common = np.zeros((unknowns.size, 6, body.features))
+        common[: unknowns.motion_size] = _forcing(body, motion, root)
         common[unknowns.load, :, FORCING] = -(root @ REGRESSOR).transpose(2, 1, 0)
+        return WrenchDerivatives._of(body, root, local, common)
 
-        of_wrenches, by_motion = np.zeros((6, count, size)), np.zeros((6, features))
+    @staticmethod
+    def by_errors(body: BodyModel, motion: MotionDerivatives, root: Array, generators: Array) -> WrenchDerivatives:
+        """Compute those by sensor errors with these generators, by which ``motion`` are the derivatives."""
+        local = _wrenches_by_errors(body, generators)
+        return WrenchDerivatives._of(body, root, local, _forcing(body, motion, root))
+
+    @staticmethod
+    def _of(body: BodyModel, root: Array, local: Array, common: Array) -> WrenchDerivatives:
+        of_wrenches, of_motion = np.zeros((6, body.count, local.shape[3])), np.zeros((6, body.features))
         of_wrenches[:, :, :WRENCH_SIZE] = (root @ body.adjoints).swapaxes(0, 1)
-        by_motion[:, FORCING] = -root @ operator
-        return WrenchDerivatives(of_wrenches.reshape(6, -1), by_motion, root @ local, common)
+        of_motion[:, FORCING] = -root @ load_operator(body.state.fitted_load)
+        return WrenchDerivatives(of_wrenches.reshape(6, -1), of_motion, root @ local, common)
+
+
+def _wrenches_by_errors(body: BodyModel, generators: Array) -> Array:
+    """Derivatives of each robot's wrench in the body frame by its sensor errors, shape (N, q, 6, w)."""
+    result: Array = body.adjoints[:, None] @ generators[:, rows.WRENCH, body.unknowns.errors.wrench]
+    return result
+
+
+def _forcing(body: BodyModel, motion: MotionDerivatives, root: Array) -> Array:
+    """Derivatives of the whitened residual, linear in ``psi``, by the unknowns of ``motion``."""
+    load = body.state.fitted_load
+    by_found = root @ spatial_inertia(load[THETA]) @ body.accelerations.covariance
+    by_products: Array = (root @ load_operator(load)[:, _FORCING_PRODUCTS]) @ motion.common
+    return by_found @ motion.found - by_products

@@ -9,16 +9,63 @@ of ``psi`` and of the wrenches to the moments is subtracted.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
+from coheft.estimation.moments.derivatives import (
+    COMMON,
+    FOUND,
+    FOUND_TWIST,
+    WEIGHTED,
+    MotionDerivatives,
+    WrenchDerivatives,
+)
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
-from coheft.estimation.moments.unknowns import LOAD_SIZE, Indices
+from coheft.estimation.moments.unknowns import LOAD_SIZE
+
+
+class Products(NamedTuple):
+    """Information between m and m' unknowns as products of factors, so that parts of it can be computed alone.
+
+    The first N k of the m unknowns are k own ones of each robot, one robot after another; so are N k' of the m'.
+
+    Attributes:
+        left, right: ``left right^T`` is what all unknowns have, shapes (m, f) and (m', f).
+        own_left, own_right: ``own_left_i own_right_i^T`` is added for robot i's own ones, shapes (N, k, g), (N, k', g).
+    """
+
+    left: Array
+    right: Array
+    own_left: Array
+    own_right: Array
+
+    def all(self) -> Array:
+        """Compute all of it, shape (m, m')."""
+        result: Array = self.left @ self.right.T
+        count, own, _ = self.own_left.shape
+        of_robots = result[: count * own, : count * self.own_right.shape[1]]
+        blocks = self.own_left @ self.own_right.swapaxes(1, 2)
+        of_robots.reshape(count, own, count, -1)[range(count), :, range(count)] += blocks
+        return result
+
+    def groups(self, size: int) -> Array:
+        """Compute the parts of groups of so many own unknowns of a robot, shape (N k / size, size, size)."""
+        left, right, own_left, own_right = (each.reshape(-1, size, each.shape[-1]) for each in self)
+        result: Array = left @ right.swapaxes(1, 2) + own_left @ own_right.swapaxes(1, 2)
+        return result
+
+
+class Grams(NamedTuple):
+    """Moments of ``psi`` for the fusions of twists and of accelerations, shape (features, features) each."""
+
+    twist: Array
+    accelerations: Array
 
 
 def motion_evidence(
@@ -37,79 +84,75 @@ def motion_evidence(
         moments: Moments there.
         noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
-    unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
-    of_motion = moments.of_motion
-    means = of_motion[0] / max(number, 1.0)
+    size, motion = body.unknowns.size, body.unknowns.motion_size
+    score, information = np.zeros(size), np.zeros((size, size))
+    clean, of_noise = motion_grams(body, moments)
+    score[:motion] = motion_score(body, derivatives, moments)
+    information[:motion, :motion] = _symmetric(motion_products(body, derivatives, derivatives, clean).all())
+    if noise is None:
+        noise = np.zeros((size, size))
+        noise[:motion, :motion] = _symmetric(motion_products(body, derivatives, derivatives, of_noise).all())
+    return Evidence.of_rows(score, information, noise, moments.number)
+
+
+def _symmetric(matrix: Array) -> Array:
+    """Return the matrix symmetric to the last bit."""
+    result: Array = 0.5 * (matrix + matrix.T)
+    return result
+
+
+def motion_score(body: BodyModel, derivatives: MotionDerivatives, moments: MotionMoments) -> Array:
+    """Score of motion sensors, shape (m,)."""
+    count, own, number, of_motion = body.count, derivatives.own.shape[1], moments.number, moments.of_motion
     residual = moments.with_motion - body.predict @ of_motion[: body.predict.shape[2]]
-    residual[:, rows.TWIST] -= residual[:, rows.TWIST, :1] * means
+    residual[:, rows.TWIST] -= residual[:, rows.TWIST, :1] * (of_motion[0] / max(number, 1.0))
     if body.residual_noise is not None:
         residual -= number * body.residual_noise
     weighted = body.weight[:, :, None] * residual
-    score = np.zeros(unknowns.size)
-    score[: count * own] = (derivatives.own.reshape(count, own, -1) @ weighted.reshape(count, -1, 1)).ravel()
     on_products = body.predict[:, rows.ACCELERATIONS, PRODUCTS].swapaxes(1, 2)
     of_products = (on_products @ weighted[:, rows.ACCELERATIONS]).sum(axis=0)
-    motion = unknowns.motion_size
-    score[:motion] += (derivatives.common * of_products).reshape(motion, -1).sum(axis=1)
-
-    of_noise = number * body.motion_noise
-    clean = of_motion - of_noise
-    if noise is None:
-        noise = _motion_information(body, derivatives, of_noise, of_noise)
-    information = _motion_information(body, derivatives, clean - of_motion[:, :1] * means, clean)
-    return Evidence.of_rows(score, information, noise, number)
+    score: Array = (derivatives.common * of_products).reshape(len(derivatives.common), -1).sum(axis=1)
+    score[: count * own] += (derivatives.own.reshape(count, own, -1) @ weighted.reshape(count, -1, 1)).ravel()
+    return score
 
 
-def _motion_information(
-    body: BodyModel, derivatives: MotionDerivatives, of_twist: Array, of_accelerations: Array
-) -> Array:
-    """Information (u, u) of motion sensors from moments of ``psi`` (features, features), for both fusions.
+def motion_grams(body: BodyModel, moments: MotionMoments) -> tuple[Grams, Grams]:
+    """Return the moments of ``psi`` less those of its noise, and those of its noise; twists are less their means."""
+    of_motion, of_noise = moments.of_motion, moments.number * body.motion_noise
+    clean, means = of_motion - of_noise, of_motion[0] / max(moments.number, 1.0)
+    return Grams(clean - of_motion[:, :1] * means, clean), Grams(of_noise, of_noise)
+
+
+def motion_products(body: BodyModel, left: MotionDerivatives, right: MotionDerivatives, grams: Grams) -> Products:
+    """Information of motion sensors between the unknowns of two derivatives at the same state.
 
     A fusion's part is ``sum_i tr(D_i^T W_i D_i G)`` with the derivatives ``D_i`` of predictions of robot i, less what a
     change of the motion explains of it: ``tr(F^T C F G)`` with ``F = sum_i B_i^T W_i D_i``, named ``found``.
+    Predictions change by the products as well: own times common, and half of common times common.
     """
-    unknowns, count, own = body.unknowns, body.count, body.unknowns.own
-    of_robots, motion = count * own, unknowns.motion_size
-    result, alone = np.zeros((unknowns.size, unknowns.size)), np.zeros((count, own, own))
-    twist, fusion = body.twist, body.accelerations
-    for each, gram in ((twist, of_twist), (fusion, of_accelerations)):
-        part = derivatives.own[:, :, each.sensors]
-        used = np.flatnonzero(part.any(axis=(0, 1, 2)))
-        part = part[..., used]
-        by_gram = each.weight[:, None, :, None] * (part @ gram[used[:, None], used])
-        alone += by_gram.reshape(count, own, -1) @ part.reshape(count, own, -1).swapaxes(1, 2)
+    of_team = np.empty_like(left.of_team)
+    of_team[:, FOUND_TWIST] = -body.twist.covariance @ left.of_team[:, FOUND_TWIST]
+    of_team[:, FOUND] = -body.accelerations.covariance @ left.found
+    of_team[:, COMMON], of_team[:, WEIGHTED] = left.of_team[:, WEIGHTED], left.common
+    own, used = body.weight[:, None, :, None] * left.own, (body.of_twist, body.without_velocity)
 
-    found = (twist.weighted.swapaxes(1, 2)[:, None] @ derivatives.own[:, :, twist.sensors]).reshape(of_robots, 6, -1)
-    used = np.arange(1, body.features)
-    result[:of_robots, :of_robots] -= _summed_product(twist.covariance @ found, of_twist, found, used)
-    used, found = body.without_velocity, derivatives.found
-    result[:motion, :motion] -= _summed_product(fusion.covariance @ found, of_accelerations, found, used)
+    def factor(array: Array, grams: Grams | None = None) -> Array:
+        parts = []
+        for part, entries, gram in zip(
+            (array[..., :6, :], array[..., 6:, :]), used, grams or (None, None), strict=True
+        ):
+            part = part.take(entries, axis=-1)
+            if gram is not None:
+                part = part.reshape(-1, len(entries)) @ gram[entries[:, None], entries]
+            parts.append(part.reshape(*array.shape[:-2], -1))
+        return np.concatenate(parts, axis=-1)
 
-    # Predictions change by the products as well: own times common, and half of common times common.
-    weighted = (fusion.weight[:, :, None] * body.predict[:, rows.ACCELERATIONS, PRODUCTS]).swapaxes(1, 2)
-    weighted_changes = np.zeros_like(derivatives.common)
-    weighted_changes[:of_robots] = (weighted[:, None] @ derivatives.own[:, :, fusion.sensors]).reshape(of_robots, 6, -1)
-    weighted_changes += (
-        0.5 * (weighted @ body.predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0) @ derivatives.common
-    )
-    across = _summed_product(derivatives.common, of_accelerations, weighted_changes, used)
-    result[:motion, :motion] += across + across.T
-    _add_along_diagonal(result[:of_robots, :of_robots], alone)
-    symmetric: Array = 0.5 * (result + result.T)
-    return symmetric
+    return Products(factor(of_team, grams), factor(right.of_team), factor(own, grams), factor(right.own))
 
 
-def _add_along_diagonal(matrix: Array, blocks: Array) -> None:
-    """Add blocks (N, k, k) to those on the diagonal of a matrix (k N, k N), in place."""
-    count, size, _ = blocks.shape
-    matrix.reshape(count, size, count, size)[range(count), :, range(count)] += blocks
-
-
-def _summed_product(left: Array, gram: Array, right: Array, used: Indices) -> Array:
-    """Compute ``sum tr(left_k gram right_l^T)`` over the features ``used``: (k, 6, f), (l, 6, f) to (k, l)."""
-    of_left, of_right = left.take(used, axis=-1), right.take(used, axis=-1)
-    by_gram = of_left.reshape(-1, len(used)) @ gram[used[:, None], used]  # one product is faster than one for each k
-    result: Array = by_gram.reshape(len(left), -1) @ of_right.reshape(len(right), -1).T
+def _flat(array: Array) -> Array:
+    """Return the array with its last two axes as one."""
+    result: Array = array.reshape(*array.shape[:-2], -1)
     return result
 
 
@@ -127,26 +170,29 @@ def wrench_evidence(
         moments: Moments there.
         noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
-    number, of_robots = moments.number, body.count * body.unknowns.own
+    derivatives, clean = WrenchDerivatives.at(body, motion, whitening(body)), without_noise(body, moments)
+    information = _symmetric(wrench_information(body, derivatives, derivatives, clean))
+    if noise is None:
+        noise = _symmetric(noise_products(body, derivatives, derivatives, moments.number).all())
+    return Evidence.of_rows(wrench_score(derivatives, clean), information, noise, moments.number)
+
+
+def whitening(body: BodyModel) -> Array:
+    """Return the matrix (6, 6) that whitens the residual of the total wrench at a state with a load."""
     weight = inverse_of(residual_covariance(body, body.state.fitted_load))
     root: Array = np.asarray(np.linalg.cholesky(weight)).T.astype(np.float64)
-    derivatives = WrenchDerivatives.at(body, motion, root)
-    clean = _without_noise(body, moments)
-    information = _common_information(derivatives, clean, body.without_velocity)
-    information[:of_robots, :of_robots] += _local_information(derivatives.local, clean.of_wrenches)
-    if noise is None:
-        noise = _wrench_noise(body, derivatives, number)
-    return Evidence.of_rows(_wrench_score(derivatives, clean), information, noise, number)
+    return root
 
 
-def _without_noise(body: BodyModel, moments: WrenchMoments) -> WrenchMoments:
+def without_noise(body: BodyModel, moments: WrenchMoments) -> WrenchMoments:
     """Return the moments less the contribution of the noise of wrenches and of ``psi``."""
-    number, of_wrenches = moments.number, moments.of_wrenches.copy()
-    _add_along_diagonal(of_wrenches, -number * body.wrench_covariance)
+    number, count, of_wrenches = moments.number, body.count, moments.of_wrenches.copy()
+    blocks = of_wrenches.reshape(count, -1, count, of_wrenches.shape[1] // count)
+    blocks[range(count), :, range(count)] -= number * body.wrench_covariance
     return WrenchMoments(of_wrenches, moments.with_motion, moments.of_motion - number * body.motion_noise)
 
 
-def _wrench_score(derivatives: WrenchDerivatives, moments: WrenchMoments) -> Array:
+def wrench_score(derivatives: WrenchDerivatives, moments: WrenchMoments) -> Array:
     """Score ``-sum rho . (d rho / d k)``, shape (u,)."""
     local, (count, own, _, size) = derivatives.local, derivatives.local.shape
     by_wrenches, by_motion = derivatives.of_wrenches, derivatives.of_motion
@@ -158,44 +204,55 @@ def _wrench_score(derivatives: WrenchDerivatives, moments: WrenchMoments) -> Arr
     return score
 
 
-def _local_information(local: Array, of_wrenches: Array) -> Array:
-    """``tr(local_k G_ij local_l^T)`` with ``G_ij = sum u_i u_j^T``, k of robot i and l of robot j: (own N, own N)."""
-    count, own, _, size = local.shape
-    by_gram = local.reshape(count, own * 6, size) @ of_wrenches.reshape(count, size, -1)
-    by_other = by_gram.reshape(count * own, 6, count, size).transpose(2, 0, 1, 3)  # robot j, unknown k, 6, w
-    blocks = by_other.reshape(count, -1, 6 * size) @ local.reshape(count, own, 6 * size).swapaxes(1, 2)
-    result = blocks.transpose(1, 0, 2).reshape(count * own, -1)
-    symmetric: Array = 0.5 * (result + result.T)
-    return symmetric
+def wrench_products(
+    body: BodyModel, left: WrenchDerivatives, right: WrenchDerivatives, moments: WrenchMoments
+) -> Products:
+    """Information of the total wrench between the unknowns of two derivatives, by clean moments.
 
-
-def _common_information(derivatives: WrenchDerivatives, moments: WrenchMoments, used: Indices) -> Array:
-    """``C + C^T``, ``C_kl = tr((local_k sum u psi^T + 1/2 common_k sum psi psi^T) common_l^T)``, shape (u, u).
-
-    Args:
-        derivatives: Derivatives of the residual.
-        moments: Moments without noise.
-        used: Entries of ``psi`` that the wrench depends on.
+    It is ``tr(D_k G D_l^T)`` with derivatives ``D`` by ``u`` and ``psi`` together; here without ``u_i u_j^T``, i != j.
     """
-    local, common, (count, own, _, size) = derivatives.local, derivatives.common[..., used], derivatives.local.shape
-    by_gram = 0.5 * (common @ moments.of_motion[used[:, None], used])
-    by_own = local.reshape(count, own * 6, size) @ moments.with_motion[:, used].reshape(count, size, -1)
-    by_gram[: count * own] += by_own.reshape(count * own, 6, -1)
-    result: Array = by_gram.reshape(len(common), -1) @ common.reshape(len(common), -1).T
-    return result + result.T
+    count, own, _, size = left.local.shape
+    of_wrenches = moments.of_wrenches.reshape(count, size, count, size)[range(count), :, range(count)]
+    by_wrenches = left.local.reshape(count, own * 6, size) @ of_wrenches
+    (by_left, of_left), (by_right, of_right) = (_factors(body, each, moments) for each in (left, right))
+    together = np.hstack([by_left, of_left]), np.hstack([of_right, by_right])
+    return Products(*together, by_wrenches.reshape(count, own, -1), _flat(right.local))
 
 
-def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float) -> Array:
-    """Contribution of the noise of motion and wrenches to the information of ``number`` rows, shape (u, u)."""
-    count, own = body.count, body.unknowns.own
-    local, common, used = derivatives.local, derivatives.common, body.without_velocity
-    of_robots, of_noise = count * own, number * body.motion_noise
-    noise = _summed_product(common, of_noise, common, used)
-    weighted = (local @ (number * body.wrench_covariance)[:, None]).reshape(count, own, -1)
-    by_own = weighted @ local.reshape(count, own, -1).swapaxes(1, 2)
-    _add_along_diagonal(noise[:of_robots, :of_robots], by_own)
-    symmetric: Array = 0.5 * (noise + noise.T)
-    return symmetric
+def _factors(body: BodyModel, derivatives: WrenchDerivatives, moments: WrenchMoments) -> tuple[Array, Array]:
+    """``local sum u psi^T + 1/2 common sum psi psi^T``, and ``common``, shapes (u, f)."""
+    used, (count, own, _, size) = body.without_velocity, derivatives.local.shape
+    common = derivatives.common.take(used, axis=-1)
+    result = 0.5 * (common @ moments.of_motion[used[:, None], used])
+    by_own = derivatives.local.reshape(count, own * 6, size) @ moments.with_motion[:, used].reshape(count, size, -1)
+    result[: count * own] += by_own.reshape(count * own, 6, -1)
+    return _flat(result), _flat(common)
+
+
+def wrench_information(
+    body: BodyModel, left: WrenchDerivatives, right: WrenchDerivatives, moments: WrenchMoments
+) -> Array:
+    """Information of the total wrench between the unknowns of two derivatives, by clean moments, shape (u, u')."""
+    (by_left, of_left), (count, own, _, size) = _factors(body, left, moments), left.local.shape
+    by_right, of_right = (by_left, of_left) if right is left else _factors(body, right, moments)
+    result: Array = by_left @ of_right.T
+    result = result + (result.T if right is left else of_left @ by_right.T)
+    by_gram = left.local.reshape(count, own * 6, size) @ moments.of_wrenches.reshape(count, size, -1)
+    by_other = by_gram.reshape(count * own, 6, count, size).transpose(2, 0, 1, 3)  # robot j, unknown k, 6, w
+    blocks = by_other.reshape(count, -1, 6 * size) @ _flat(right.local).swapaxes(1, 2)
+    between = blocks.transpose(1, 0, 2).reshape(count * own, -1)
+    result[: count * own, : between.shape[1]] += between
+    return result
+
+
+def noise_products(body: BodyModel, left: WrenchDerivatives, right: WrenchDerivatives, number: float) -> Products:
+    """What the noise of motion and wrenches adds to the information of ``number`` rows."""
+    used, (count, own, _, size) = body.without_velocity, left.local.shape
+    by_own = left.local.reshape(count, own * 6, size) @ (number * body.wrench_covariance)
+    local = by_own.reshape(left.local.shape)
+    commons = [each.common.take(used, axis=-1) for each in (left, right)]
+    by_noise = commons[0] @ (number * body.motion_noise[used[:, None], used])
+    return Products(*(_flat(each) for each in (by_noise, commons[1], local, right.local)))
 
 
 def information_table(weight: Array) -> Array:

@@ -10,7 +10,7 @@ and of torques only the sum of all offsets shows; offsets of forces differ by th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,10 +20,23 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.chapter import Chapter, evidence_of
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
+from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.likelihood import (
+    motion_grams,
+    motion_products,
+    motion_score,
+    noise_products,
+    whitening,
+    without_noise,
+    wrench_information,
+    wrench_products,
+    wrench_score,
+)
+from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
-from coheft.estimation.moments.unknowns import Flags, Indices, State, Unknowns
 from coheft.estimation.tolerance import SENSORS
 
 KINDS_OF_ONE_ROBOT = (
@@ -73,87 +86,103 @@ def undeclared_error(
         kinds: Kinds of errors to test beside offsets, some of ``KINDS_OF_ONE_ROBOT``.
         false_alarm: False-alarm probability for one robot and one kind of error.
     """
-    declared, unknowns = settings.errors, estimate.body.unknowns
+    declared, body = settings.errors, estimate.body
     if (np.abs(estimate.state.eta[:, declared.are(*DELAYS)]) > _LATE).any():
         kinds = ()
-    errors, body = declared, estimate.body
-    if kinds:
-        errors = _errors_of((*kinds, *declared.names))
-        body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
-    # From here on, unknowns are those of the fit (at ``others``) and all errors to test (at ``tested``).
-    own = np.flatnonzero(errors.are(*declared.names))
-    is_tested = np.tile(errors.are(*kinds), (body.count, 1))
-    is_tested[:, own] &= unknowns.deviations == 0.0
-    tests, others = _Tests.of(body, settings, is_tested), _places(body.unknowns, own)
-
-    rows = evidence_of(body, chapter.evaluation()(body))
-    before = chapter.prior_evidence(estimate.body)
-    fitted = rows.restricted(others) + before
-    free = settings.free(unknowns, anchor, with_load=True)
-    solution = fitted.restricted(free).solve(settings.limits(unknowns.count, estimate.guess)[free])
+    moments, before = chapter.evaluation()(body), chapter.prior_evidence(body)
+    rows, free = evidence_of(body, moments), settings.free(body.unknowns, anchor, with_load=True)
+    fitted = (rows + before).restricted(free)
+    solution = fitted.solve(settings.limits(body.unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
-    tested = tests.indices
-    gain = rows.information[np.ix_(tested, others[free])] @ solution.inverse
-    score = rows.score[tested] - gain @ fitted.score[free]
-
-    spread, square = rows.information + rows.noise, np.ix_(free, free)
-    across = gain @ spread[np.ix_(others[free], tested)]
-    variance = spread[np.ix_(tested, tested)] - across - across.T
-    of_fit = (spread[np.ix_(others, others)] + before.information + before.noise)[square]
-    variance += gain @ of_fit @ gain.T
-    alone = rows.information[np.ix_(tested, tested)]
-    sizes = _surprises(tests.vectors(score), tests.matrices(variance), tests.matrices(alone), false_alarm)
-    if not len(sizes):
+    tests = _Tests.of_offsets(body, settings, rows)
+    if kinds:
+        tests = _Tests.of_robots(body, kinds, moments) + tests
+    if not tests.errors:
         return None
+    of_fit = (rows.information + rows.noise + before.information + before.noise)[np.ix_(free, free)]
+    gain = tests.information[:, :, free] @ solution.inverse
+    score = tests.score - gain @ fitted.score
+    across = gain @ (tests.information + tests.noise)[:, :, free].swapaxes(1, 2)
+    variance = tests.own_information + tests.own_noise - across - across.swapaxes(1, 2)
+    variance += (gain.reshape(-1, len(free)) @ of_fit).reshape(gain.shape) @ gain.swapaxes(1, 2)
+    sizes = _surprises(score, variance, tests.own_information, false_alarm)
     largest = int(sizes.argmax())
     return UndeclaredError(*tests.errors[largest], float(sizes[largest]))
 
 
-class _Tests(NamedTuple):
-    """The errors with tolerance zero that are tested, three parameters each.
+@dataclass(frozen=True, eq=False)
+class _Tests:
+    """The evidence of rows on b errors with tolerance zero, which have three parameters each.
 
     Attributes:
         errors: Robot and kind of each.
-        indices: Indices of all parameters, those of the offset of the total wrench last if it is tested.
-        directions: That offset per unit of the parameters of each of the last errors, shape (f, 6, 3), or (0, 0, 3).
+        score: Shape (b, 3).
+        information: With the u unknowns of the fit, shape (b, 3, u).
+        noise: What the regressors' noise adds to it.
+        own_information, own_noise: The same of an error's own parameters, shape (b, 3, 3).
     """
 
     errors: list[tuple[int | None, str]]
-    indices: Indices
-    directions: Array
+    score: Array
+    information: Array
+    noise: Array
+    own_information: Array
+    own_noise: Array
 
     @staticmethod
-    def of(body: BodyModel, settings: FitSettings, is_tested: Flags) -> _Tests:
-        """Of these sensor errors, shape (N, q), and of the offsets that are not declared; ``body`` has all of them."""
-        unknowns, every = body.unknowns, np.arange(body.unknowns.size)
-        names = unknowns.errors.names
-        errors: list[tuple[int | None, str]] = [(robot, names[k]) for robot, k in np.argwhere(is_tested)[::3].tolist()]
-        indices, directions = [unknowns.eta[is_tested]], np.zeros((0, 0, 3))
+    def of_robots(body: BodyModel, kinds: Sequence[str], moments: EvaluatedMoments) -> _Tests:
+        """Evidence on errors of these kinds of those robots that do not declare them."""
+        declared, deviations = body.unknowns.errors, body.unknowns.deviations
+        errors = _errors_of((*kinds, *declared.names))
+        is_tested = errors.are(*kinds)
+        names = np.array(errors.names)[is_tested][::3].tolist()
+        every = [(robot, name) for robot in range(body.count) for name in names]
+        chosen = [k for k, (robot, name) in enumerate(every) if not deviations[robot, declared.are(name)].any()]
+
+        generators = errors.generators[is_tested]
+        fit, tested = MotionDerivatives.at(body), MotionDerivatives.by_errors(body, generators)
+        root, wrench = whitening(body), without_noise(body, moments.wrench)
+        wrench_fit = WrenchDerivatives.at(body, fit, root)
+        wrench_tested = WrenchDerivatives.by_errors(body, tested, root, generators)
+
+        clean, of_noise = motion_grams(body, moments.motion)
+        score = motion_score(body, tested, moments.motion) + wrench_score(wrench_tested, wrench)
+        information = wrench_information(body, wrench_tested, wrench_fit, wrench)
+        noise = noise_products(body, wrench_tested, wrench_fit, wrench.number).all()
+        motion = slice(0, body.unknowns.motion_size)
+        information[:, motion] += motion_products(body, tested, fit, clean).all()
+        noise[:, motion] += motion_products(body, tested, fit, of_noise).all()
+        own_information = wrench_products(body, wrench_tested, wrench_tested, wrench).groups(3)
+        own_information += motion_products(body, tested, tested, clean).groups(3)
+        own_noise = noise_products(body, wrench_tested, wrench_tested, wrench.number).groups(3)
+        own_noise += motion_products(body, tested, tested, of_noise).groups(3)
+        size = body.unknowns.size
+        of_all = score.reshape(-1, 3), information.reshape(-1, 3, size), noise.reshape(-1, 3, size)
+        return _Tests([every[k] for k in chosen], *(each[chosen] for each in (*of_all, own_information, own_noise)))
+
+    @staticmethod
+    def of_offsets(body: BodyModel, settings: FitSettings, rows: Evidence) -> _Tests:
+        """Evidence on offsets that are not declared, from that of all unknowns of the fit."""
+        unknowns, one = body.unknowns, np.eye(body.unknowns.size)
+        errors: list[tuple[int | None, str]] = []
+        directions = [np.zeros((0, unknowns.size, 3))]  # the unknowns per unit of the parameters
         if not settings.has_gyro_offset:
             errors.append((None, "gyro_bias"))
-            indices.append(every[unknowns.gyros])
+            directions.append(one[None, :, unknowns.gyros])
         if not settings.has_offset:
             errors += [*((robot, "force_bias") for robot in range(body.count)), (None, "torque_bias")]
-            indices.append(every[unknowns.offset])
-            directions = np.concatenate([body.adjoints[:, :, :3], np.eye(6)[None, :, 3:]])
-        return _Tests(errors, np.concatenate(indices), directions)
+            of_offset = np.concatenate([body.adjoints[:, :, :3], np.eye(6)[None, :, 3:]])
+            directions.append(one[:, unknowns.offset] @ of_offset)
+        to_tests = np.concatenate(directions).swapaxes(1, 2)
+        information, noise = to_tests @ rows.information, to_tests @ rows.noise
+        own = (each @ to_tests.swapaxes(1, 2) for each in (information, noise))
+        return _Tests(errors, to_tests @ rows.score, information, noise, *own)
 
-    @property
-    def _own(self) -> int:
-        """Number of parameters that are unknowns themselves."""
-        return 3 * (len(self.errors) - len(self.directions))
-
-    def vectors(self, of_all: Array) -> Array:
-        """Return the part of a vector (k,) for each error, shape (b, 3)."""
-        return np.concatenate([of_all[: self._own].reshape(-1, 3), of_all[self._own :] @ self.directions])
-
-    def matrices(self, of_all: Array) -> Array:
-        """Return the part of a matrix (k, k) for each error, shape (b, 3, 3)."""
-        own, count = self._own, self._own // 3
-        blocks = of_all[:own, :own].reshape(count, 3, count, 3)[range(count), :, range(count)]
-        of_sums = self.directions.swapaxes(1, 2) @ of_all[own:, own:] @ self.directions
-        return np.concatenate([blocks, of_sums])
+    def __add__(self, other: _Tests) -> _Tests:
+        arrays = ("score", "information", "noise", "own_information", "own_noise")
+        both = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in arrays)
+        return _Tests(self.errors + other.errors, *both)
 
 
 def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) -> Array:
@@ -172,16 +201,3 @@ def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) 
 def _errors_of(kinds: tuple[str, ...]) -> SensorErrors:
     """Return errors of these kinds, of all robots."""
     return SensorErrors(dict.fromkeys(kinds, 1.0))
-
-
-def _with_errors(state: State, errors: SensorErrors) -> State:
-    """Return the state with more sensor errors among its unknowns, all of them zero."""
-    eta = np.zeros((len(state.poses), errors.count))
-    calibration = errors.step(eta) if state.calibration is None else state.calibration
-    return State(state.poses, eta, calibration, state.gyros, state.load)
-
-
-def _places(many: Unknowns, own: Indices) -> Indices:
-    """Indices of a fit's unknowns, with its sensor errors ``own``, among those with more of them."""
-    by_robot = np.hstack([many.poses, many.eta[:, own]])
-    return np.concatenate([by_robot.ravel(), np.arange(many.gyros.start, many.size)])

@@ -2,7 +2,7 @@
 
 The C library's allocator on Linux keeps free memory between allocated objects: a few bytes per block, without limit. It
 also keeps a separate heap for every thread, so that memory freed by one of Zenoh's threads cannot be used by another.
-What is larger, such as the matrices of a fit, it returns at once; the system zeroes each page again for the next matrix.
+What is larger, such as the matrices of a fit, it returns at once, and the system zeroes each page again for the next.
 """
 
 import ctypes
