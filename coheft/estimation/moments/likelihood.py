@@ -26,39 +26,9 @@ from coheft.estimation.moments.derivatives import (
     WrenchDerivatives,
 )
 from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.factors import Factor
 from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
-from coheft.estimation.moments.unknowns import LOAD_SIZE
-
-
-class Products(NamedTuple):
-    """Information between m and m' unknowns as products of factors, so that parts of it can be computed alone.
-
-    The first N k of the m unknowns are k own ones of each robot, one robot after another; so are N k' of the m'.
-
-    Attributes:
-        left, right: ``left right^T`` is what all unknowns have, shapes (m, f) and (m', f).
-        own_left, own_right: ``own_left_i own_right_i^T`` is added for robot i's own ones, shapes (N, k, g), (N, k', g).
-    """
-
-    left: Array
-    right: Array
-    own_left: Array
-    own_right: Array
-
-    def all(self) -> Array:
-        """Compute all of it, shape (m, m')."""
-        result: Array = self.left @ self.right.T
-        count, own, _ = self.own_left.shape
-        of_robots = result[: count * own, : count * self.own_right.shape[1]]
-        blocks = self.own_left @ self.own_right.swapaxes(1, 2)
-        of_robots.reshape(count, own, count, -1)[range(count), :, range(count)] += blocks
-        return result
-
-    def groups(self, size: int) -> Array:
-        """Compute the parts of groups of so many own unknowns of a robot, shape (N k / size, size, size)."""
-        left, right, own_left, own_right = (each.reshape(-1, size, each.shape[-1]) for each in self)
-        result: Array = left @ right.swapaxes(1, 2) + own_left @ own_right.swapaxes(1, 2)
-        return result
+from coheft.estimation.moments.unknowns import LOAD_SIZE, Indices
 
 
 class Grams(NamedTuple):
@@ -86,12 +56,12 @@ def motion_evidence(
     """
     size, motion = body.unknowns.size, body.unknowns.motion_size
     score, information = np.zeros(size), np.zeros((size, size))
-    clean, of_noise = motion_grams(body, moments)
+    factors, (clean, of_noise) = MotionFactors.of(body, derivatives), motion_grams(body, moments)
     score[:motion] = motion_score(body, derivatives, moments)
-    information[:motion, :motion] = _symmetric(motion_products(body, derivatives, derivatives, clean).all())
+    information[:motion, :motion] = _symmetric(factors.left(clean).times(factors.right))
     if noise is None:
         noise = np.zeros((size, size))
-        noise[:motion, :motion] = _symmetric(motion_products(body, derivatives, derivatives, of_noise).all())
+        noise[:motion, :motion] = _symmetric(factors.left(of_noise).times(factors.right))
     return Evidence.of_rows(score, information, noise, moments.number)
 
 
@@ -123,37 +93,49 @@ def motion_grams(body: BodyModel, moments: MotionMoments) -> tuple[Grams, Grams]
     return Grams(clean - of_motion[:, :1] * means, clean), Grams(of_noise, of_noise)
 
 
-def motion_products(body: BodyModel, left: MotionDerivatives, right: MotionDerivatives, grams: Grams) -> Products:
-    """Information of motion sensors between the unknowns of two derivatives at the same state.
+class MotionFactors(NamedTuple):
+    """Factors of the information of motion sensors.
 
     A fusion's part is ``sum_i tr(D_i^T W_i D_i G)`` with the derivatives ``D_i`` of predictions of robot i, less what a
     change of the motion explains of it: ``tr(F^T C F G)`` with ``F = sum_i B_i^T W_i D_i``, named ``found``.
     Predictions change by the products as well: own times common, and half of common times common.
+
+    Attributes:
+        right: The right factor.
+        team, own: Parts of the left one, of twists and of accelerations, before they are multiplied by moments ``G``.
+        used: Entries of ``psi`` on which they depend.
     """
-    of_team = np.empty_like(left.of_team)
-    of_team[:, FOUND_TWIST] = -body.twist.covariance @ left.of_team[:, FOUND_TWIST]
-    of_team[:, FOUND] = -body.accelerations.covariance @ left.found
-    of_team[:, COMMON], of_team[:, WEIGHTED] = left.of_team[:, WEIGHTED], left.common
-    own, used = body.weight[:, None, :, None] * left.own, (body.of_twist, body.without_velocity)
 
-    def factor(array: Array, grams: Grams | None = None) -> Array:
-        parts = []
-        for part, entries, gram in zip(
-            (array[..., :6, :], array[..., 6:, :]), used, grams or (None, None), strict=True
-        ):
-            part = part.take(entries, axis=-1)
-            if gram is not None:
-                part = part.reshape(-1, len(entries)) @ gram[entries[:, None], entries]
-            parts.append(part.reshape(*array.shape[:-2], -1))
-        return np.concatenate(parts, axis=-1)
+    right: Factor
+    team: tuple[Array, Array]
+    own: tuple[Array, Array]
+    used: tuple[Indices, Indices]
 
-    return Products(factor(of_team, grams), factor(right.of_team), factor(own, grams), factor(right.own))
+    @staticmethod
+    def of(body: BodyModel, derivatives: MotionDerivatives) -> MotionFactors:
+        """Compute them for the unknowns of ``derivatives``."""
+        used, of_team = (body.of_twist, body.without_velocity), np.empty_like(derivatives.of_team)
+        of_team[:, FOUND_TWIST] = -body.twist.covariance @ derivatives.of_team[:, FOUND_TWIST]
+        of_team[:, FOUND] = -body.accelerations.covariance @ derivatives.found
+        of_team[:, COMMON], of_team[:, WEIGHTED] = derivatives.of_team[:, WEIGHTED], derivatives.common
 
+        def parts(array: Array) -> tuple[Array, Array]:
+            return array[..., :6, :].take(used[0], axis=-1), array[..., 6:, :].take(used[1], axis=-1)
 
-def _flat(array: Array) -> Array:
-    """Return the array with its last two axes as one."""
-    result: Array = array.reshape(*array.shape[:-2], -1)
-    return result
+        right = Factor.of(parts(derivatives.of_team), parts(derivatives.own))
+        return MotionFactors(right, parts(of_team), parts(body.weight[:, None, :, None] * derivatives.own), used)
+
+    def left(self, grams: Grams) -> Factor:
+        """Return the left factor."""
+        moments = [gram[entries[:, None], entries] for gram, entries in zip(grams, self.used, strict=True)]
+        team, own = (
+            [
+                (part.reshape(-1, len(gram)) @ gram).reshape(part.shape)
+                for part, gram in zip(parts, moments, strict=True)
+            ]
+            for parts in (self.team, self.own)
+        )
+        return Factor.of(team, own)
 
 
 def wrench_evidence(
@@ -171,9 +153,15 @@ def wrench_evidence(
         noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
     derivatives, clean = WrenchDerivatives.at(body, motion, whitening(body)), without_noise(body, moments)
-    information = _symmetric(wrench_information(body, derivatives, derivatives, clean))
+    left, right = wrench_factors(body, derivatives, clean)
+    # Of equal unknowns, the product of the second parts is the transpose of that of the first ones.
+    information = Factor((2.0 * left.team[0],), left.own).times(Factor(right.team[:1], right.own))
+    of_robots = slice(0, body.count * body.unknowns.own)
+    information[of_robots, of_robots] += between_robots(derivatives, derivatives, clean)
     if noise is None:
-        noise = _symmetric(noise_products(body, derivatives, derivatives, moments.number).all())
+        left, right = noise_factors(body, derivatives, moments.number)
+        noise = _symmetric(left.times(right))
+    information = _symmetric(information)
     return Evidence.of_rows(wrench_score(derivatives, clean), information, noise, moments.number)
 
 
@@ -204,55 +192,40 @@ def wrench_score(derivatives: WrenchDerivatives, moments: WrenchMoments) -> Arra
     return score
 
 
-def wrench_products(
-    body: BodyModel, left: WrenchDerivatives, right: WrenchDerivatives, moments: WrenchMoments
-) -> Products:
-    """Information of the total wrench between the unknowns of two derivatives, by clean moments.
+def wrench_factors(body: BodyModel, derivatives: WrenchDerivatives, moments: WrenchMoments) -> tuple[Factor, Factor]:
+    """Left and right factor of the information of the total wrench, by clean moments.
 
-    It is ``tr(D_k G D_l^T)`` with derivatives ``D`` by ``u`` and ``psi`` together; here without ``u_i u_j^T``, i != j.
+    It is ``tr(D^T D G)`` with derivatives ``D`` by ``u`` and ``psi`` together; here without ``u_i u_j^T``, i != j.
     """
-    count, own, _, size = left.local.shape
+    used, local, (count, own, _, size) = body.without_velocity, derivatives.local, derivatives.local.shape
+    common, by_robot = derivatives.common.take(used, axis=-1), local.reshape(count, own * 6, size)
+    crossed = 0.5 * (common @ moments.of_motion[used[:, None], used])
+    by_own = by_robot @ moments.with_motion[:, used].reshape(count, size, -1)
+    crossed[: count * own] += by_own.reshape(count * own, 6, -1)
     of_wrenches = moments.of_wrenches.reshape(count, size, count, size)[range(count), :, range(count)]
-    by_wrenches = left.local.reshape(count, own * 6, size) @ of_wrenches
-    (by_left, of_left), (by_right, of_right) = (_factors(body, each, moments) for each in (left, right))
-    together = np.hstack([by_left, of_left]), np.hstack([of_right, by_right])
-    return Products(*together, by_wrenches.reshape(count, own, -1), _flat(right.local))
+    by_wrenches = (by_robot @ of_wrenches).reshape(local.shape)
+    return Factor.of([crossed, common], [by_wrenches]), Factor.of([common, crossed], [local])
 
 
-def _factors(body: BodyModel, derivatives: WrenchDerivatives, moments: WrenchMoments) -> tuple[Array, Array]:
-    """``local sum u psi^T + 1/2 common sum psi psi^T``, and ``common``, shapes (u, f)."""
-    used, (count, own, _, size) = body.without_velocity, derivatives.local.shape
-    common = derivatives.common.take(used, axis=-1)
-    result = 0.5 * (common @ moments.of_motion[used[:, None], used])
-    by_own = derivatives.local.reshape(count, own * 6, size) @ moments.with_motion[:, used].reshape(count, size, -1)
-    result[: count * own] += by_own.reshape(count * own, 6, -1)
-    return _flat(result), _flat(common)
-
-
-def wrench_information(
-    body: BodyModel, left: WrenchDerivatives, right: WrenchDerivatives, moments: WrenchMoments
-) -> Array:
-    """Information of the total wrench between the unknowns of two derivatives, by clean moments, shape (u, u')."""
-    (by_left, of_left), (count, own, _, size) = _factors(body, left, moments), left.local.shape
-    by_right, of_right = (by_left, of_left) if right is left else _factors(body, right, moments)
-    result: Array = by_left @ of_right.T
-    result = result + (result.T if right is left else of_left @ by_right.T)
-    by_gram = left.local.reshape(count, own * 6, size) @ moments.of_wrenches.reshape(count, size, -1)
+def between_robots(left: WrenchDerivatives, right: WrenchDerivatives, moments: WrenchMoments) -> Array:
+    """Information between own unknowns of different robots, shape (N k, N k'): ``tr(local_k G_ij local_l^T)``."""
+    (count, own, _, size), others = left.local.shape, right.local.shape[1]
+    of_wrenches = moments.of_wrenches.reshape(count, size, count, size).copy()
+    of_wrenches[range(count), :, range(count)] = 0.0
+    by_gram = left.local.reshape(count, own * 6, size) @ of_wrenches.reshape(count, size, -1)
     by_other = by_gram.reshape(count * own, 6, count, size).transpose(2, 0, 1, 3)  # robot j, unknown k, 6, w
-    blocks = by_other.reshape(count, -1, 6 * size) @ _flat(right.local).swapaxes(1, 2)
-    between = blocks.transpose(1, 0, 2).reshape(count * own, -1)
-    result[: count * own, : between.shape[1]] += between
+    blocks = by_other.reshape(count, -1, 6 * size) @ right.local.reshape(count, others, -1).swapaxes(1, 2)
+    result: Array = blocks.transpose(1, 0, 2).reshape(count * own, -1)
     return result
 
 
-def noise_products(body: BodyModel, left: WrenchDerivatives, right: WrenchDerivatives, number: float) -> Products:
-    """What the noise of motion and wrenches adds to the information of ``number`` rows."""
-    used, (count, own, _, size) = body.without_velocity, left.local.shape
-    by_own = left.local.reshape(count, own * 6, size) @ (number * body.wrench_covariance)
-    local = by_own.reshape(left.local.shape)
-    commons = [each.common.take(used, axis=-1) for each in (left, right)]
-    by_noise = commons[0] @ (number * body.motion_noise[used[:, None], used])
-    return Products(*(_flat(each) for each in (by_noise, commons[1], local, right.local)))
+def noise_factors(body: BodyModel, derivatives: WrenchDerivatives, number: float) -> tuple[Factor, Factor]:
+    """Left and right factor of what noise of motion and wrenches adds to the information of ``number`` rows."""
+    used, local, (count, own, _, size) = body.without_velocity, derivatives.local, derivatives.local.shape
+    common = derivatives.common.take(used, axis=-1)
+    by_noise = common @ (number * body.motion_noise[used[:, None], used])
+    by_own = local.reshape(count, own * 6, size) @ (number * body.wrench_covariance)
+    return Factor.of([by_noise], [by_own.reshape(local.shape)]), Factor.of([common], [local])
 
 
 def information_table(weight: Array) -> Array:

@@ -10,8 +10,8 @@ and of torques only the sum of all offsets shows; offsets of forces differ by th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -25,14 +25,14 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.likelihood import (
+    MotionFactors,
+    between_robots,
     motion_grams,
-    motion_products,
     motion_score,
-    noise_products,
+    noise_factors,
     whitening,
     without_noise,
-    wrench_information,
-    wrench_products,
+    wrench_factors,
     wrench_score,
 )
 from coheft.estimation.moments.moments import EvaluatedMoments
@@ -95,11 +95,16 @@ def undeclared_error(
     solution = fitted.solve(settings.limits(body.unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
-    tests = _Tests.of_offsets(body, settings, rows)
-    if kinds:
-        tests = _Tests.of_robots(body, kinds, moments) + tests
-    if not tests.errors:
+    parts = [_Tests.of_robots(body, kinds, moments)] if kinds else []
+    if not settings.has_gyro_offset:
+        parts.append(_Tests.of_common([(None, "gyro_bias")], rows, body.unknowns.gyros, np.eye(3)[None]))
+    if not settings.has_offset:
+        errors = [*((robot, "force_bias") for robot in range(body.count)), (None, "torque_bias")]
+        by_errors = np.concatenate([body.adjoints[:, :, :3], np.eye(6)[None, :, 3:]])
+        parts.append(_Tests.of_common(errors, rows, body.unknowns.offset, by_errors))
+    if not parts:
         return None
+    tests = _Tests.together(parts)
     of_fit = (rows.information + rows.noise + before.information + before.noise)[np.ix_(free, free)]
     gain = tests.information[:, :, free] @ solution.inverse
     score = tests.score - gain @ fitted.score
@@ -111,8 +116,7 @@ def undeclared_error(
     return UndeclaredError(*tests.errors[largest], float(sizes[largest]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Tests:
+class _Tests(NamedTuple):
     """The evidence of rows on b errors with tolerance zero, which have three parameters each.
 
     Attributes:
@@ -123,7 +127,7 @@ class _Tests:
         own_information, own_noise: The same of an error's own parameters, shape (b, 3, 3).
     """
 
-    errors: list[tuple[int | None, str]]
+    errors: Sequence[tuple[int | None, str]]
     score: Array
     information: Array
     noise: Array
@@ -145,44 +149,41 @@ class _Tests:
         root, wrench = whitening(body), without_noise(body, moments.wrench)
         wrench_fit = WrenchDerivatives.at(body, fit, root)
         wrench_tested = WrenchDerivatives.by_errors(body, tested, root, generators)
-
-        clean, of_noise = motion_grams(body, moments.motion)
         score = motion_score(body, tested, moments.motion) + wrench_score(wrench_tested, wrench)
-        information = wrench_information(body, wrench_tested, wrench_fit, wrench)
-        noise = noise_products(body, wrench_tested, wrench_fit, wrench.number).all()
-        motion = slice(0, body.unknowns.motion_size)
-        information[:, motion] += motion_products(body, tested, fit, clean).all()
-        noise[:, motion] += motion_products(body, tested, fit, of_noise).all()
-        own_information = wrench_products(body, wrench_tested, wrench_tested, wrench).groups(3)
-        own_information += motion_products(body, tested, tested, clean).groups(3)
-        own_noise = noise_products(body, wrench_tested, wrench_tested, wrench.number).groups(3)
-        own_noise += motion_products(body, tested, tested, of_noise).groups(3)
+
+        left, right = wrench_factors(body, wrench_tested, wrench)
+        information, own_information = (
+            left.times(wrench_factors(body, wrench_fit, wrench)[1]),
+            left.groups_times(right, 3),
+        )
+        of_robots = slice(0, body.count * body.unknowns.own)
+        information[:, of_robots] += between_robots(wrench_tested, wrench_fit, wrench)
+        left, right = noise_factors(body, wrench_tested, wrench.number)
+        noise, own_noise = left.times(noise_factors(body, wrench_fit, wrench.number)[1]), left.groups_times(right, 3)
+
+        factors, of_fit, motion = MotionFactors.of(body, tested), MotionFactors.of(body, fit), body.unknowns.motion_size
+        by_grams = ((information, own_information), (noise, own_noise))
+        for grams, (total, own) in zip(motion_grams(body, moments.motion), by_grams, strict=True):
+            left = factors.left(grams)
+            total[:, :motion] += left.times(of_fit.right)
+            own += left.groups_times(factors.right, 3)
         size = body.unknowns.size
         of_all = score.reshape(-1, 3), information.reshape(-1, 3, size), noise.reshape(-1, 3, size)
         return _Tests([every[k] for k in chosen], *(each[chosen] for each in (*of_all, own_information, own_noise)))
 
     @staticmethod
-    def of_offsets(body: BodyModel, settings: FitSettings, rows: Evidence) -> _Tests:
-        """Evidence on offsets that are not declared, from that of all unknowns of the fit."""
-        unknowns, one = body.unknowns, np.eye(body.unknowns.size)
-        errors: list[tuple[int | None, str]] = []
-        directions = [np.zeros((0, unknowns.size, 3))]  # the unknowns per unit of the parameters
-        if not settings.has_gyro_offset:
-            errors.append((None, "gyro_bias"))
-            directions.append(one[None, :, unknowns.gyros])
-        if not settings.has_offset:
-            errors += [*((robot, "force_bias") for robot in range(body.count)), (None, "torque_bias")]
-            of_offset = np.concatenate([body.adjoints[:, :, :3], np.eye(6)[None, :, 3:]])
-            directions.append(one[:, unknowns.offset] @ of_offset)
-        to_tests = np.concatenate(directions).swapaxes(1, 2)
-        information, noise = to_tests @ rows.information, to_tests @ rows.noise
-        own = (each @ to_tests.swapaxes(1, 2) for each in (information, noise))
-        return _Tests(errors, to_tests @ rows.score, information, noise, *own)
+    def of_common(errors: Sequence[tuple[int | None, str]], rows: Evidence, part: slice, directions: Array) -> _Tests:
+        """Evidence on errors that change common unknowns of the fit, by ``directions`` (b, k, 3) times parameters."""
+        by_error = directions.swapaxes(1, 2)
+        matrices = (rows.information[part], rows.noise[part])
+        own = (by_error @ each[:, part] @ directions for each in matrices)
+        return _Tests(errors, by_error @ rows.score[part], *(by_error @ each for each in matrices), *own)
 
-    def __add__(self, other: _Tests) -> _Tests:
-        arrays = ("score", "information", "noise", "own_information", "own_noise")
-        both = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in arrays)
-        return _Tests(self.errors + other.errors, *both)
+    @staticmethod
+    def together(parts: Sequence[_Tests]) -> _Tests:
+        """All of some tests."""
+        errors, *arrays = zip(*parts, strict=True)
+        return _Tests(list(chain(*errors)), *map(np.concatenate, arrays))
 
 
 def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) -> Array:
