@@ -142,7 +142,8 @@ class _Tests(NamedTuple):
         is_tested = errors.are(*kinds)
         names = np.array(errors.names)[is_tested][::3].tolist()
         every = [(robot, name) for robot in range(body.count) for name in names]
-        chosen = [k for k, (robot, name) in enumerate(every) if not deviations[robot, declared.are(name)].any()]
+        is_declared = np.array([deviations[:, declared.are(name)].any(axis=1) for name in names]).T.ravel()
+        chosen = np.flatnonzero(~is_declared)
 
         generators = errors.generators[is_tested]
         fit, tested = MotionDerivatives.at(body), MotionDerivatives.by_errors(body, generators)
