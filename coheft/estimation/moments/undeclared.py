@@ -36,7 +36,8 @@ from coheft.estimation.moments.likelihood import (
     wrench_score,
 )
 from coheft.estimation.moments.moments import EvaluatedMoments
-from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
+from coheft.estimation.moments.sensor_errors import DELAYS, KINDS, SensorErrors
+from coheft.estimation.moments.unknowns import Flags
 from coheft.estimation.tolerance import SENSORS
 
 KINDS_OF_ONE_ROBOT = (
@@ -95,6 +96,7 @@ def undeclared_error(
     solution = fitted.solve(settings.limits(body.unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
+    kinds = [kind for kind in kinds if _are_exact(body, kind).any()]
     parts = [_Tests.of_robots(body, kinds, moments)] if kinds else []
     if not settings.has_gyro_offset:
         parts.append(_Tests.of_common([(None, "gyro_bias")], rows, body.unknowns.gyros, np.eye(3)[None]))
@@ -137,15 +139,11 @@ class _Tests(NamedTuple):
     @staticmethod
     def of_robots(body: BodyModel, kinds: Sequence[str], moments: EvaluatedMoments) -> _Tests:
         """Evidence on errors of these kinds of those robots that do not declare them."""
-        declared, deviations = body.unknowns.errors, body.unknowns.deviations
-        errors = _errors_of((*kinds, *declared.names))
-        is_tested = errors.are(*kinds)
-        names = np.array(errors.names)[is_tested][::3].tolist()
+        errors = _errors_of((*kinds, *body.unknowns.errors.names))
+        generators, names = errors.generators[errors.are(*kinds)], [name for name in KINDS if name in kinds]
         every = [(robot, name) for robot in range(body.count) for name in names]
-        is_declared = np.array([deviations[:, declared.are(name)].any(axis=1) for name in names]).T.ravel()
-        chosen = np.flatnonzero(~is_declared)
+        chosen = np.flatnonzero(np.transpose([_are_exact(body, name) for name in names]))
 
-        generators = errors.generators[is_tested]
         fit, tested = MotionDerivatives.at(body), MotionDerivatives.by_errors(body, generators)
         root, wrench = whitening(body), without_noise(body, moments.wrench)
         wrench_fit = WrenchDerivatives.at(body, fit, root)
@@ -153,10 +151,8 @@ class _Tests(NamedTuple):
         score = motion_score(body, tested, moments.motion) + wrench_score(wrench_tested, wrench)
 
         left, right = wrench_factors(body, wrench_tested, wrench)
-        information, own_information = (
-            left.times(wrench_factors(body, wrench_fit, wrench)[1]),
-            left.groups_times(right, 3),
-        )
+        information = left.times(wrench_factors(body, wrench_fit, wrench)[1])
+        own_information = left.groups_times(right, 3)
         of_robots = slice(0, body.count * body.unknowns.own)
         information[:, of_robots] += between_robots(wrench_tested, wrench_fit, wrench)
         left, right = noise_factors(body, wrench_tested, wrench.number)
@@ -197,6 +193,12 @@ def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) 
     thresholds = np.array([np.inf, *(chi_square_threshold(freedom, false_alarm) for freedom in (1, 2, 3))])
     result: Array = squares / thresholds[is_seen.sum(axis=1)]
     return result
+
+
+def _are_exact(body: BodyModel, kind: str) -> Flags:
+    """Whether each robot declares no error of this kind, shape (N,)."""
+    deviations: Array = body.unknowns.deviations[:, body.unknowns.errors.are(kind)]
+    return np.asarray((deviations == 0.0).all(axis=1))
 
 
 @lru_cache(maxsize=8)
