@@ -97,8 +97,8 @@ class Evidence:
 
     def restricted(self, indices: Indices) -> Evidence:
         """Return the evidence on these unknowns, given the present values of all others."""
-        square = np.ix_(indices, indices)
-        return Evidence(self.score[indices], self.information[square], self.noise[square], self.doubt[square])
+        squares = (each.take(indices, 0).take(indices, 1) for each in (self.information, self.noise, self.doubt))
+        return Evidence(self.score[indices], *squares)
 
     def shifted(self, step: Array) -> Evidence:
         """Return the same quadratic around another value, a step (u,) away."""

@@ -50,11 +50,13 @@ def worst_misfit(residuals: Array, drift: Array | float = 0.0) -> Misfit | None:
         drift: The diagonal of ``D``, shape (s, d) or (1, d).
     """
     worst: Misfit | None = None
-    sums = np.concatenate([np.zeros((1, *residuals.shape[1:])), np.cumsum(residuals, axis=0)])
+    sums = np.zeros((len(residuals) + 1, *residuals.shape[1:]))
+    np.cumsum(residuals, axis=0, out=sums[1:])
     for rows in WINDOWS:
         if rows > len(residuals):
             break
-        squares = (np.square(sums[rows:] - sums[:-rows]) / (rows * (1.0 + rows * drift))).sum(axis=2)
+        whitened = (sums[rows:] - sums[:-rows]) / np.sqrt(rows * (1.0 + rows * drift))
+        squares = np.einsum("nsd,nsd->ns", whitened, whitened)
         first, source = np.unravel_index(int(squares.argmax()), squares.shape)
         found = float(squares[first, source])
         if worst is None or found > worst.chi_square:
