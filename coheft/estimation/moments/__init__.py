@@ -2,7 +2,7 @@
 
 Read in this order: ``rows`` and ``flexing`` (samples become rows), ``sensor_errors`` and ``unknowns`` (the parameters),
 ``corrections`` and ``body`` (motion and total wrench from rows), ``moments``, ``projected`` and ``row_buffer`` (what is
-stored of rows), ``derivatives`` and ``likelihood`` (score and information from moments), ``evidence`` (a quadratic log
+stored of rows), ``derivatives``, ``factors`` and ``likelihood`` (score and information from moments), ``evidence`` (a quadratic log
 likelihood with the noise of its regressors), ``fit_settings``, ``start`` and ``fit`` (maximum likelihood), ``chapter``
 (priors across changes), ``change`` (has the load changed?), ``misfit`` and ``hidden_poses`` (do rows fit?), ``misread``
 (would they, if one robot's wrenches were read otherwise?), ``suspects`` and ``slip_residuals`` (what has changed?),
