@@ -1,11 +1,13 @@
 """Sensors that contradict the motion of the team: one innovation test per robot and window of rows, and what follows.
 
-    s_i = sum of whitened residuals r_i of k rows / sqrt(k),    s_i^T (I + k D)^-1 s_i ~ chi-square(12)
+    s_i = sum of whitened residuals r_i of k rows / sqrt(k),    s_i^T (I + k (D + U_i))^-1 s_i ~ chi-square(12)
 
-``r_i`` is the reading of robot i less its prediction from the fused motion of all robots, in standard deviations. Pose
-errors contribute far less, as long as poses are known. ``D`` is the variance by which sensors have drifted since their
-offsets were found, in units of the noise. A sensor that is frozen, saturated, biased or late, a wrong clock, a robot
-that has let go, and one that lies all show here. Each robot decides alone: there is no vote.
+``r_i`` is the reading of robot i less its prediction from the fused motion of all robots, in standard deviations. In
+units of the noise, ``D`` is the variance by which sensors have drifted since their offsets were found, and ``U_i`` that
+of predictions, by errors of poses and of found sensor errors. It is large while few rows show these, and negligible
+later, so it is computed only if there would be a contradiction without it. A sensor that is frozen, saturated, biased
+or late, a wrong clock, a robot that has let go, and one that lies all show here. Each robot decides alone: there is no
+vote.
 
 no contradiction -> one row only                   leave it out
                  -> a window of rows               take back the rows since its first; leave out all until it is over
@@ -15,6 +17,7 @@ no contradiction for a while                       it is over; new rows have to 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum, auto
 
 import numpy as np
@@ -26,6 +29,9 @@ from coheft.estimation.moments.rows import KINEMATICS_SIZE
 _WINDOWS = np.array([1, 2, 4, 8, 16])
 """Numbers of newest rows that are tested."""
 _LONGEST = int(_WINDOWS[-1])
+
+
+Uncertainty = Callable[[int, int], Array]
 
 
 class Use(Enum):
@@ -54,7 +60,7 @@ class Contradictions:
 
     def __init__(self, count: int, guards: Guards, drift: Array, rows: RowCounts) -> None:
         self._count, self._guards = count, guards
-        self._spread = 1.0 + _WINDOWS[:, None, None] * drift if drift.any() else None
+        self._drifts, self._spread = bool(drift.any()), 1.0 + _WINDOWS[:, None, None] * drift
         self._summed = 0  # number of rows in the sums
         self._sums = np.zeros((_LONGEST + 1, KINEMATICS_SIZE * count))  # after each of the newest rows, the newest last
         self._confirming, self._lasting, self._calm = rows.confirming, rows.lasting, rows.calm
@@ -63,13 +69,14 @@ class Contradictions:
         self._last: int | None = None  # the last such robot, of more than one row in succession
         self._began, self._ended, self._newest = -1, -1, -rows.confirming  # numbers of rows
 
-    def add(self, number: int, residuals: Array, revision: int) -> tuple[Use, int]:
+    def add(self, number: int, residuals: Array, revision: int, uncertainty: Uncertainty) -> tuple[Use, int]:
         """Test a row.
 
         Args:
             number: Number of the row.
             residuals: Of all robots, in standard deviations, shape (12 N,).
             revision: Of the estimate; residuals at different ones are not summed.
+            uncertainty: Computes ``U_i`` of a robot, mean over so many newest rows, shape (12, 12).
 
         Returns:
             What to do with the row, and after ``BACK_TO_FIRST`` the number of the first row that contradicts.
@@ -77,7 +84,7 @@ class Contradictions:
         if revision != self._revision:
             self._forget()
         self._revision = revision
-        found, is_calm = self._worst(residuals), number > self._newest + self._confirming
+        found, is_calm = self._worst(residuals, uncertainty), number > self._newest + self._confirming
         if found is None:
             if self.robot is None:
                 return Use.KEEP, number
@@ -103,24 +110,28 @@ class Contradictions:
         self._summed = 0
         self._sums[:] = 0.0
 
-    def _worst(self, residuals: Array) -> tuple[int, int] | None:
+    def _worst(self, residuals: Array, uncertainty: Uncertainty) -> tuple[int, int] | None:
         """Add residuals of a row.
 
         Returns:
             Of the worst contradiction, the index of the robot and the number of newest rows over which it shows; None
             if there is none.
         """
-        sums = self._sums
+        sums, largest = self._sums, self._guards.largest_contradiction
         sums[:-1] = sums[1:]
         sums[-1] += residuals
         self._summed += 1
         windows = _WINDOWS[: np.searchsorted(_WINDOWS, self._summed, side="right")]
         summed = (sums[-1] - sums[-1 - windows]).reshape(len(windows), self._count, KINEMATICS_SIZE)
         squares = np.square(summed)
-        if self._spread is not None:
+        if self._drifts:
             squares /= self._spread[: len(windows)]
         squares = squares.sum(axis=2) / windows[:, None]
-        index = int(squares.argmax())
-        window, robot = divmod(index, self._count)
-        is_contradiction = squares.flat[index] > self._guards.largest_contradiction
-        return (robot, int(windows[window])) if is_contradiction else None
+        while squares.max() > largest:
+            window, robot = divmod(int(squares.argmax()), self._count)
+            rows, total = int(windows[window]), summed[window, robot]
+            spread = self._spread[window, robot % self._spread.shape[1]]
+            if total @ np.linalg.solve(np.diag(spread) + rows * uncertainty(robot, rows), total) / rows > largest:
+                return robot, rows
+            squares[window, robot] = 0.0
+        return None

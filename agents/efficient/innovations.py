@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +22,11 @@ from coheft.estimation.moments.body import (
 )
 from coheft.estimation.moments.change import InformationMaps, Look, StepThresholds, look_for_change, one_kilogram
 from coheft.estimation.moments.chapter import Chapter
+from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.late_sensors import late_sensor
 from coheft.estimation.moments.moments import view_moments
+from coheft.estimation.moments.predictions import prediction_covariance
 from coheft.estimation.moments.row_buffer import VIEW_SIZE
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
 from coheft.estimation.moments.undeclared import UndeclaredError
@@ -81,7 +84,7 @@ class Innovations:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
-        self._buffer = buffer
+        self._buffer, self._estimate = buffer, estimate
         of_all, of_load = buffer.moments()
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
@@ -131,6 +134,26 @@ class Innovations:
         by_mass = view[:FORCING_SIZE] @ self._by_mass
         mass = float(by_mass @ wrench) / max(math.sqrt(by_mass @ by_mass), 1e-300)
         return EvaluatedRow(view, wrench, mass, motion)
+
+    @cached_property
+    def _derivatives(self) -> MotionDerivatives:
+        return MotionDerivatives.at(self._body)
+
+    def motion_uncertainty(self, newest: Array, robot: int, rows: int) -> Array:
+        """Covariance of a robot's residuals by errors of the estimate and of mean residuals, shape (12, 12).
+
+        Args:
+            newest: The newest row, which is not in the buffer yet, shape (X,).
+            robot: Index of the robot.
+            rows: Number of newest rows over which residuals are averaged.
+        """
+        count, body, past = self._buffer.count, self._body, self._until_now
+        mean = (self._buffer.rows[max(0, count - rows + 1) : count].sum(axis=0) + newest) / rows
+        psi, change = body.motion_map @ mean, body.motion_map @ (mean - past.mean)
+        result = prediction_covariance(body, self._derivatives, self._estimate.covariance, robot, psi, change)
+        of_twists = np.arange(TWIST.start, TWIST.stop)
+        result[of_twists, of_twists] += 1.0 / max(past.rows, 1.0)
+        return result
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Return residuals of extended rows (n, X): of the wrench (n, 1, 6), and of motion sensors (n, N, 12)."""

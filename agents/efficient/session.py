@@ -10,6 +10,8 @@ row -> does a robot's motion contradict the team?   drop the row, and those sinc
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from coheft.agents.efficient.acceptance import Acceptance
@@ -113,7 +115,7 @@ class Session:
             evaluated = known.innovations.evaluate(row)
             if number == self._newest:
                 self.total_wrench = evaluated.view[FORCING_SIZE:]
-            if not self._check_motion(number, evaluated.motion):
+            if not self._check_motion(number, row, evaluated.motion):
                 return
             index, has_moved = buffer.add(number, row)
             buffer.views[index] = evaluated.view
@@ -153,11 +155,12 @@ class Session:
         if self.stage is Stage.ESTIMATING and self._known.may_show_slips:
             self.causes.expect(self._known, since, self._detector.step)
 
-    def _check_motion(self, number: int, residuals: Array) -> bool:
+    def _check_motion(self, number: int, row: Array, residuals: Array) -> bool:
         """Test a row's motion and return whether to use the row; remove the rows since a contradiction began."""
         if self._known.misses_poses:
             return True
-        use, first = self._contradictions.add(number, residuals, self._known.revision)
+        uncertainty = partial(self._known.innovations.motion_uncertainty, row)
+        use, first = self._contradictions.add(number, residuals, self._known.revision, uncertainty)
         match use:
             case Use.BACK_TO_FIRST:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]

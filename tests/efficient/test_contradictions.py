@@ -9,10 +9,16 @@ import pytest
 
 from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.estimation.geometry.spatial import Array
 from tests.efficient.rows import PERIOD, POSES
 
 ROWS = RowCounts.of(Guards(), PERIOD)
 BURST, PAUSE = 10, 25
+
+
+def certain(robot: int, rows: int) -> Array:
+    """The uncertainty of predictions of which everything is known."""
+    return np.zeros((12, 12))
 
 
 def uses(robots: list[int], rows: RowCounts = ROWS, burst: int = BURST) -> list[Use]:
@@ -23,7 +29,7 @@ def uses(robots: list[int], rows: RowCounts = ROWS, burst: int = BURST) -> list[
         for step in range(burst + PAUSE):
             residuals = np.zeros(12 * len(POSES))
             residuals[12 * robot] = 20.0 if step < burst else 0.0
-            found.append(contradictions.add(number, residuals, revision=0)[0])
+            found.append(contradictions.add(number, residuals, 0, certain)[0])
             number += 1
     return found
 
@@ -54,5 +60,5 @@ def test_single_wrong_rows_are_no_lasting_contradiction() -> None:
 def test_residuals_at_different_estimates_are_not_summed(is_fitted: bool, contradicts: bool) -> None:
     contradictions, residuals = Contradictions(len(POSES), Guards(), np.zeros((1, 12)), ROWS), np.zeros(12 * len(POSES))
     residuals[12] = 4.0  # too little for a single row
-    found = [contradictions.add(row, residuals, revision=row if is_fitted else 0)[0] for row in range(16)]
+    found = [contradictions.add(row, residuals, row if is_fitted else 0, certain)[0] for row in range(16)]
     assert (Use.BACK_TO_FIRST in found) == contradicts

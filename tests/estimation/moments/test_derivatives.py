@@ -17,6 +17,7 @@ from coheft.estimation.moments.body import (
 )
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.moments import wrench_indices
+from coheft.estimation.moments.predictions import prediction_covariance
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
@@ -155,6 +156,22 @@ def test_of_residuals_of_motion(count: int, errors: SensorErrors) -> None:
         plus, minus = both_sides(body, index)
         expected = (residuals(plus, rows) - residuals(minus, rows)) / (2.0 * STEP)
         np.testing.assert_allclose(change, expected, atol=1e-5)
+
+
+@COUNTS
+@EVERY
+def test_of_uncertain_predictions(count: int, errors: SensorErrors) -> None:
+    body, rows = case(count, errors)
+    derivatives, psi, root = MotionDerivatives.at(body), rows @ body.motion_map.T, np.sqrt(body.weight)
+    for index in range(body.unknowns.motion_size):
+        alone = np.zeros((body.unknowns.size, body.unknowns.size))
+        alone[index, index] = 1.0
+        plus, minus = both_sides(body, index)
+        expected = (residuals(plus, rows) - residuals(minus, rows))[0] / (2.0 * STEP)
+        for robot in range(count):
+            found = prediction_covariance(body, derivatives, alone, robot, psi[0], psi[0] - psi.mean(axis=0))
+            found = found / np.outer(root[robot], root[robot])
+            np.testing.assert_allclose(found, np.outer(expected[robot], expected[robot]), atol=1e-5, rtol=1e-4)
 
 
 @COUNTS
