@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.app.run.inprocess import run_in_process
 from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.structs import Validity
+from coheft.wire.scenario.file import load_scenario
 from tests.efficient.rows import PERIOD, POSES
 
 ROWS = RowCounts.of(Guards(), PERIOD)
@@ -62,3 +66,10 @@ def test_residuals_at_different_estimates_are_not_summed(is_fitted: bool, contra
     residuals[12] = 4.0  # too little for a single row
     found = [contradictions.add(row, residuals, row if is_fitted else 0, certain)[0] for row in range(16)]
     assert (Use.BACK_TO_FIRST in found) == contradicts
+
+
+def test_what_few_rows_show_of_sensor_errors_contradicts_no_motion() -> None:
+    scenario = msgspec.structs.replace(load_scenario("real3"), seed=2, duration=3.0, load_changes=())
+    estimates = [each for record in run_in_process(scenario) for each in (record.estimates or {}).values()]
+    assert any(estimate.status is Validity.VALID for estimate in estimates)
+    assert not [reason for estimate in estimates for reason in estimate.reasons if "contradict" in reason]

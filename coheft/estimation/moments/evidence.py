@@ -156,16 +156,21 @@ class Evidence:
         parts = (project @ each @ project.T for each in (self.information, self.noise, self.doubt))
         return Evidence(project @ self.score, *parts)
 
+    def sees_all(self, limits: Array) -> bool:
+        """Whether all directions are seen, see ``solve``."""
+        scale = np.outer(limits, limits)
+        return is_positive_definite(scale * (self.information - self.doubt) - np.eye(len(limits)))
+
     def solve(self, limits: Array) -> Solution:
         """Invert the information in the directions that are seen.
 
         A direction is seen if its information less ``doubt`` exceeds that of independent Gaussians with the standard
         deviations ``limits`` (u,).
         """
-        scale, one = np.outer(limits, limits), np.eye(len(limits))
-        if is_positive_definite(scale * (self.information - self.doubt) - one):
+        if self.sees_all(limits):
             inverse = inverse_of(self.information)
             return Solution(inverse, inverse + inverse @ self.noise @ inverse, np.zeros_like(inverse))
+        scale, one = np.outer(limits, limits), np.eye(len(limits))
         values, vectors = np.linalg.eigh(scale * (self.information + self.noise) + one)
         white = vectors.T / np.sqrt(np.maximum(values, 1.0))[:, None]
         values, vectors = np.linalg.eigh(white @ (scale * (self.information - self.doubt) - one) @ white.T)

@@ -145,11 +145,10 @@ def _step(
     free = settings.free(unknowns, anchor, body.state.load is not None)
     limits = settings.limits(unknowns.count, guess)[free]
     part = (by_rows + prior).restricted(free)
-    solution = part.solve(limits)
-    is_doubtful = settings.errors.count > 0 and bool(solution.hidden.any())
+    is_doubtful = settings.errors.count > 0 and not part.sees_all(limits)
     if is_doubtful:  # priors of sensor errors may show what rows do not
         part = by_rows.restricted(free).beyond_doubt(limits) + prior.restricted(free)
-        solution = part.solve(limits)
+    solution = part.solve(limits)
     step, square = np.zeros(unknowns.size), np.ix_(free, free)
     seen, hidden, inverse = np.zeros((3, unknowns.size, unknowns.size))
     step[free] = solution.inverse @ part.score

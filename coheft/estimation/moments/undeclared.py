@@ -90,13 +90,15 @@ def undeclared_error(
     declared, body = settings.errors, estimate.body
     if (np.abs(estimate.state.eta[:, declared.are(*DELAYS)]) > _LATE).any():
         kinds = ()
+    kinds = [kind for kind in kinds if _are_exact(body, kind).any()]
+    if not kinds and settings.has_gyro_offset and settings.has_offset:
+        return None
     moments, before = chapter.evaluation()(body), chapter.prior_evidence(body)
     rows, free = evidence_of(body, moments), settings.free(body.unknowns, anchor, with_load=True)
     fitted = (rows + before).restricted(free)
     solution = fitted.solve(settings.limits(body.unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
-    kinds = [kind for kind in kinds if _are_exact(body, kind).any()]
     parts = [_Tests.of_robots(body, kinds, moments)] if kinds else []
     if not settings.has_gyro_offset:
         parts.append(_Tests.of_common([(None, "gyro_bias")], rows, body.unknowns.gyros, np.eye(3)[None]))
@@ -104,8 +106,6 @@ def undeclared_error(
         errors = [*((robot, "force_bias") for robot in range(body.count)), (None, "torque_bias")]
         by_errors = np.concatenate([body.adjoints[:, :, :3], np.eye(6)[None, :, 3:]])
         parts.append(_Tests.of_common(errors, rows, body.unknowns.offset, by_errors))
-    if not parts:
-        return None
     tests = _Tests.together(parts)
     of_fit = (rows.information + rows.noise + before.information + before.noise)[np.ix_(free, free)]
     gain = tests.information[:, :, free] @ solution.inverse
