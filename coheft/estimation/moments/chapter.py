@@ -16,11 +16,10 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments
 from coheft.estimation.moments.fit_settings import FitSettings, Guess, expected_errors
-from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
+from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import (
     EvaluatedMoments,
     Moments,
@@ -228,10 +227,13 @@ class EvidenceAt:
 
     Args:
         body: Matrices at the state.
+
+    Attributes:
+        factors: Factors of the information of motion sensors.
     """
 
     def __init__(self, body: BodyModel) -> None:
-        self._body, self._derivatives = body, MotionDerivatives.at(body)
+        self._body, self.factors = body, MotionFactors.at(body)
         self._motion_noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
         self._wrench_noise: Array | None = None
 
@@ -239,7 +241,7 @@ class EvidenceAt:
         """Evidence of motions and wrenches."""
         number = moments.motion.number
         noise = None if self._motion_noise is None else number * self._motion_noise
-        by_motion = motion_evidence(self._body, self._derivatives, moments.motion, noise)
+        by_motion = motion_evidence(self._body, self.factors, moments.motion, noise)
         if noise is None and number > 0.0:
             self._motion_noise = by_motion.noise / number
         return by_motion + self.of_wrenches(moments.wrench)
@@ -248,7 +250,7 @@ class EvidenceAt:
         """Evidence of wrenches alone."""
         number = moments.number
         noise = None if self._wrench_noise is None else number * self._wrench_noise
-        by_wrench = wrench_evidence(self._body, self._derivatives, moments, noise)
+        by_wrench = wrench_evidence(self._body, self.factors.derivatives, moments, noise)
         if noise is None and number > 0.0:
             self._wrench_noise = by_wrench.noise / number
         return by_wrench

@@ -13,10 +13,9 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
-from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
+from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.unknowns import Flags, State
 
@@ -117,12 +116,12 @@ def fit_state(
     noise_of_wrench: Array | None = None
     for _ in range(most_steps):
         body = settings.body(state)
-        moments, derivatives = evaluate(body), MotionDerivatives.at(body)
-        by_rows = motion_evidence(body, derivatives, moments.motion, noise_of_motion)
+        moments, factors = evaluate(body), MotionFactors.at(body)
+        by_rows = motion_evidence(body, factors, moments.motion, noise_of_motion)
         if state.load is not None:
             noise_of_motion = by_rows.noise
             if moments.wrench.number > 0.0:
-                by_wrench = wrench_evidence(body, derivatives, moments.wrench, noise_of_wrench)
+                by_wrench = wrench_evidence(body, factors.derivatives, moments.wrench, noise_of_wrench)
                 by_rows, noise_of_wrench = by_rows + by_wrench, by_wrench.noise
         estimate, state, left = _step(body, by_rows, prior(body), settings, guess, anchor)
         if estimate.step > _FAR:

@@ -40,7 +40,7 @@ class Grams(NamedTuple):
 
 def motion_evidence(
     body: BodyModel,
-    derivatives: MotionDerivatives,
+    factors: MotionFactors,
     moments: MotionMoments,
     noise: Array | None = None,
 ) -> Evidence:
@@ -50,14 +50,14 @@ def motion_evidence(
 
     Args:
         body: Matrices at the state.
-        derivatives: Derivatives there.
+        factors: Factors there.
         moments: Moments there.
         noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
     size, motion = body.unknowns.size, body.unknowns.motion_size
     score, information = np.zeros(size), np.zeros((size, size))
-    factors, (clean, of_noise) = MotionFactors.of(body, derivatives), motion_grams(body, moments)
-    score[:motion] = motion_score(body, derivatives, moments)
+    clean, of_noise = motion_grams(body, moments)
+    score[:motion] = motion_score(body, factors.derivatives, moments)
     information[:motion, :motion] = _symmetric(factors.left(clean).times(factors.right))
     if noise is None:
         noise = np.zeros((size, size))
@@ -101,15 +101,22 @@ class MotionFactors(NamedTuple):
     Predictions change by the products as well: own times common, and half of common times common.
 
     Attributes:
+        derivatives: As given.
         right: The right factor.
         team, own: Parts of the left one, of twists and of accelerations, before they are multiplied by moments ``G``.
         used: Entries of ``psi`` on which they depend.
     """
 
+    derivatives: MotionDerivatives
     right: Factor
     team: tuple[Array, Array]
     own: tuple[Array, Array]
     used: tuple[Indices, Indices]
+
+    @staticmethod
+    def at(body: BodyModel) -> MotionFactors:
+        """Compute them for the unknowns of the motion at the state of ``body``."""
+        return MotionFactors.of(body, MotionDerivatives.at(body))
 
     @staticmethod
     def of(body: BodyModel, derivatives: MotionDerivatives) -> MotionFactors:
@@ -123,7 +130,8 @@ class MotionFactors(NamedTuple):
             return array[..., :6, :].take(used[0], axis=-1), array[..., 6:, :].take(used[1], axis=-1)
 
         right = Factor.of(parts(derivatives.of_team), parts(derivatives.own))
-        return MotionFactors(right, parts(of_team), parts(body.weight[:, None, :, None] * derivatives.own), used)
+        own = parts(body.weight[:, None, :, None] * derivatives.own)
+        return MotionFactors(derivatives, right, parts(of_team), own, used)
 
     def left(self, grams: Grams) -> Factor:
         """Return the left factor."""

@@ -19,7 +19,7 @@ import numpy as np
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.chapter import Chapter, evidence_of
+from coheft.estimation.moments.chapter import Chapter, EvidenceAt
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
@@ -94,12 +94,13 @@ def undeclared_error(
     if not kinds and settings.has_gyro_offset and settings.has_offset:
         return None
     moments, before = chapter.evaluation()(body), chapter.prior_evidence(body)
-    rows, free = evidence_of(body, moments), settings.free(body.unknowns, anchor, with_load=True)
+    at_estimate, free = EvidenceAt(body), settings.free(body.unknowns, anchor, with_load=True)
+    rows = at_estimate.of(moments)
     fitted = (rows + before).restricted(free)
     solution = fitted.solve(settings.limits(body.unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
-    parts = [_Tests.of_robots(body, kinds, moments)] if kinds else []
+    parts = [_Tests.of_robots(body, at_estimate.factors, kinds, moments)] if kinds else []
     if not settings.has_gyro_offset:
         parts.append(_Tests.of_common([(None, "gyro_bias")], rows, body.unknowns.gyros, np.eye(3)[None]))
     if not settings.has_offset:
@@ -137,16 +138,16 @@ class _Tests(NamedTuple):
     own_noise: Array
 
     @staticmethod
-    def of_robots(body: BodyModel, kinds: Sequence[str], moments: EvaluatedMoments) -> _Tests:
+    def of_robots(body: BodyModel, fit: MotionFactors, kinds: Sequence[str], moments: EvaluatedMoments) -> _Tests:
         """Evidence on errors of these kinds of those robots that do not declare them."""
         errors = _errors_of((*kinds, *body.unknowns.errors.names))
         generators, names = errors.generators[errors.are(*kinds)], [name for name in KINDS if name in kinds]
         every = [(robot, name) for robot in range(body.count) for name in names]
         chosen = np.flatnonzero(np.transpose([_are_exact(body, name) for name in names]))
 
-        fit, tested = MotionDerivatives.at(body), MotionDerivatives.by_errors(body, generators)
+        tested = MotionDerivatives.by_errors(body, generators)
         root, wrench = whitening(body), without_noise(body, moments.wrench)
-        wrench_fit = WrenchDerivatives.at(body, fit, root)
+        wrench_fit = WrenchDerivatives.at(body, fit.derivatives, root)
         wrench_tested = WrenchDerivatives.by_errors(body, tested, root, generators)
         score = motion_score(body, tested, moments.motion) + wrench_score(wrench_tested, wrench)
 
@@ -158,11 +159,11 @@ class _Tests(NamedTuple):
         left, right = noise_factors(body, wrench_tested, wrench.number)
         noise, own_noise = left.times(noise_factors(body, wrench_fit, wrench.number)[1]), left.groups_times(right, 3)
 
-        factors, of_fit, motion = MotionFactors.of(body, tested), MotionFactors.of(body, fit), body.unknowns.motion_size
+        factors, motion = MotionFactors.of(body, tested), body.unknowns.motion_size
         by_grams = ((information, own_information), (noise, own_noise))
         for grams, (total, own) in zip(motion_grams(body, moments.motion), by_grams, strict=True):
             left = factors.left(grams)
-            total[:, :motion] += left.times(of_fit.right)
+            total[:, :motion] += left.times(fit.right)
             own += left.groups_times(factors.right, 3)
         size = body.unknowns.size
         of_all = score.reshape(-1, 3), information.reshape(-1, 3, size), noise.reshape(-1, 3, size)

@@ -7,9 +7,8 @@ import pytest
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.body import FORCING, BodyModel, residual_covariance
-from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.likelihood import information_table, motion_evidence, wrench_evidence
+from coheft.estimation.moments.likelihood import MotionFactors, information_table, motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
@@ -39,8 +38,8 @@ CASES = pytest.mark.parametrize(
 
 def evidence_of(body: BodyModel, moments: RowMoments) -> tuple[Evidence, Evidence]:
     """Of the motion and of the wrench."""
-    seen, derivatives = evaluated_moments(body, moments, moments), MotionDerivatives.at(body)
-    return motion_evidence(body, derivatives, seen.motion), wrench_evidence(body, derivatives, seen.wrench)
+    seen, factors = evaluated_moments(body, moments, moments), MotionFactors.at(body)
+    return motion_evidence(body, factors, seen.motion), wrench_evidence(body, factors.derivatives, seen.wrench)
 
 
 def case(count: int, errors: SensorErrors, number: int = 8) -> tuple[BodyModel, Array]:
@@ -196,12 +195,12 @@ def test_turning_a_grasp_and_turning_all_its_sensors_are_one() -> None:
 def test_noise_of_regressors_may_be_given() -> None:
     team = make_team(seed=7)
     body, moments = body_at(team.state()), RowMoments.of(team.noisy(np.random.default_rng(8)))
-    seen, derivatives = evaluated_moments(body, moments, moments), MotionDerivatives.at(body)
+    seen, factors = evaluated_moments(body, moments, moments), MotionFactors.at(body)
     by_motion, by_wrench = evidence_of(body, moments)
-    again = motion_evidence(body, derivatives, seen.motion, 2.0 * by_motion.noise)
+    again = motion_evidence(body, factors, seen.motion, 2.0 * by_motion.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_motion.noise)
     np.testing.assert_array_equal(again.information, by_motion.information)
-    again = wrench_evidence(body, derivatives, seen.wrench, 2.0 * by_wrench.noise)
+    again = wrench_evidence(body, factors.derivatives, seen.wrench, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.score, by_wrench.score)
 
