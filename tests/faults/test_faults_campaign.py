@@ -130,7 +130,7 @@ SHOWN_BY = {
     "without-first-rows": plain(878, delayed=False),
 }
 """A schedule for each mutant."""
-WITHIN = {"without-doubted": 3.5, "without-restless": 4.5, "rare-fits": 0.9}
+WITHIN = {"without-doubted": 3.5, "without-restless": 4.5, "rare-fits": 0.7}
 """How soon after the last fault robots are valid again without the mutant [s], if not within 3 s."""
 
 
