@@ -3,8 +3,7 @@
 motions fit no body, or sensor errors exceed their tolerances   start over; tolerances grow if it happens twice in a row
 wrenches fit no load, or those of a new load change within      estimate the load anew
 a sensor's offset explains them as well as another load         undecided for a while
-all rows fit                                                    accepted
-an accepted fit shows an undeclared sensor error, twice         start over
+all rows fit                                                    accepted, unless a sensor shows an undeclared error
 """
 
 from __future__ import annotations
@@ -91,7 +90,7 @@ class Acceptance:
         if self._load_before is None:
             self._load_before = before
 
-    def judge(self, known: Knowledge, estimate: Estimate, is_new: bool, age: int) -> tuple[Event, int]:
+    def judge(self, known: Knowledge, estimate: Estimate, is_new: bool, age: int, drifts: bool) -> tuple[Event, int]:
         """Judge a fit to all rows.
 
         Args:
@@ -99,6 +98,7 @@ class Acceptance:
             estimate: The fit.
             is_new: Whether the load is fitted for the first time.
             age: Number of rows of the load.
+            drifts: Whether the load drifts, which looks like an undeclared error.
 
         Returns:
             What follows, and after ``MISFIT`` the index of the first row from which to estimate the load anew.
@@ -128,7 +128,8 @@ class Acceptance:
             case _:
                 self._load_before = None
                 self.tolerances.hold(known.age)
-                return Event.FITTED, end
+                has_error = not drifts and self.undeclared.test(known)
+                return Event.STARTED_OVER if has_error else Event.FITTED, end
 
     def accept(self) -> None:
         """Accept the last fit after all."""

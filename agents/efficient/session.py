@@ -4,7 +4,6 @@ row -> does a robot's motion contradict the team?   drop the row, and those sinc
     -> is it time to look for another load?         detect -> one more step of a drift? the load stays known
                                                            -> another load: estimate it anew from its first row on
     -> 15 or 30 % more rows than at the last fit?   look, fit -> do all rows fit? would a faulty sensor explain them?
-    -> one row after a fit that was accepted        test it for undeclared sensor errors
     -> after either: does a slipped grasp explain all rows best?   go back, with the pose of that grasp loosened
 """
 
@@ -82,7 +81,6 @@ class Session:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
         self.total_wrench: Array | None = None
-        self._is_untested = False  # for undeclared sensor errors, since the last fit
         self._contradictions = Contradictions(self._count, self._guards, known.drift, self._rows)
         self._detector.begin()
         self._acceptance.begin(known)
@@ -124,13 +122,10 @@ class Session:
                     known.reevaluate()
                 if self._detector.is_due(number, evaluated) and self._look_for_change(number):
                     return
-        if known.is_fit_due:
-            if not self._look_for_change(number):
-                self._fit_and_judge()
-                if self.stage is Stage.ESTIMATING and known is self._known:
-                    known.fade()
-        elif self._is_untested:  # in another row than the fit, so that none takes the time of both
-            self._test_for_undeclared_errors()
+        if known.is_fit_due and not self._look_for_change(number):
+            self._fit_and_judge()
+            if self.stage is Stage.ESTIMATING and known is self._known:
+                known.fade()
 
     def _prepare_for(self, number: int) -> None:
         """Note that a row with this number comes, possibly the first of a team or after missing ones."""
@@ -206,8 +201,7 @@ class Session:
         if self._detector.distrusts_wrenches:
             return
         is_new, age = self.stage is Stage.GATHERING, self._newest - self.causes.changed_at
-        event, index = self._acceptance.judge(self._known, estimate, is_new, age)
-        self._is_untested = event is Event.FITTED
+        event, index = self._acceptance.judge(self._known, estimate, is_new, age, self.load_drift is not None)
         match event:
             case Event.MISFIT:
                 if not self._drifts_on():
@@ -216,14 +210,6 @@ class Session:
                 self._start_over()
             case _:
                 self.stage = STAGE_AFTER[event]
-        if is_new:  # before anything is published
-            self._test_for_undeclared_errors()
-
-    def _test_for_undeclared_errors(self) -> None:
-        """Test the last fit if it was accepted, and is not tested yet; a load that drifts looks like such an error."""
-        is_due, self._is_untested = self._is_untested and self.stage is Stage.ESTIMATING, False
-        if is_due and self.load_drift is None and self._acceptance.undeclared.test(self._known):
-            self._start_over()
 
     def _start_over(self) -> None:
         self.causes.start_over()
@@ -319,7 +305,6 @@ class Session:
             if self._look_for_change(self._newest) and self.stage is not Stage.ESTIMATING:
                 return None
             self._fit_and_judge()
-            self._test_for_undeclared_errors()
         if not self._acceptance.tolerances.are_declared:
             return None  # another team starts with the declared tolerances
         is_suspected = self.undeclared is not None or self.suspected is not None

@@ -216,7 +216,7 @@ CASES = {
         lambda: turned_about_one_axis()[0], lambda _, then: is_sure_after(then, 107), lambda: turned_about_one_axis()[1]
     ),
     "undeclared_lasts": Case(lambda: off(0, 400, 480, 2, A.start, 0.009), lambda _, then: then.valid[-1] == 479),
-    "undeclared_doubt": Case(lambda: off(60, 250, 250, 2, FORCE.start, 0.2), lambda _, then: then.is_sure),
+    "undeclared_doubt": Case(lambda: off(60, 250, 250, 2, FORCE.start, 0.24), lambda _, then: then.is_sure),
     "calm": Case(knocked, lambda _, then: then.valid[-1] > 270),
     "drifting": Case(lambda: leaking(0.05)[0], lambda _, then: len(then.valid) > 340, lambda: leaking(0.05)[1]),
     "mistaken": Case(
