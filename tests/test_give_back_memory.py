@@ -66,7 +66,8 @@ def test_threads_share_one_heap() -> None:
 LARGE = """
 from pathlib import Path
 import numpy as np
-from coheft.wire.process.memory import reuse_memory
+from coheft.app.run.parallel import _begin_worker
+from coheft.wire.process.memory import give_back_memory, reuse_memory
 
 def heap():
     line, = [line for line in Path("/proc/self/maps").read_text().splitlines() if line.endswith("[heap]")]
@@ -82,9 +83,11 @@ print(heap()[1] == last)
 
 
 @pytest.mark.skipif(trimming() is None or not Path("/proc/self/maps").exists(), reason="takes Linux and its C library")
-def test_memory_of_a_large_matrix_stays_for_the_next_one() -> None:
-    def is_reused(script: str) -> list[bytes]:
-        return subprocess.run([sys.executable, "-c", script], capture_output=True, check=True).stdout.split()
-
-    assert is_reused(LARGE) == [b"True", b"True"]
-    assert is_reused(LARGE.replace("\nreuse_memory()\n", "\n"))[0] == b"False"
+@pytest.mark.parametrize(
+    ("begin", "is_reused"),
+    [("reuse_memory()", True), ("give_back_memory()", True), ("_begin_worker()", True), ("pass", False)],
+)
+def test_memory_of_a_large_matrix_stays_for_the_next_one(begin: str, is_reused: bool) -> None:
+    script = LARGE.replace("\nreuse_memory()\n", f"\n{begin}\n")
+    found = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True).stdout.split()
+    assert (found == [b"True", b"True"]) == is_reused

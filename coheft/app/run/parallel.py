@@ -35,8 +35,8 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
         raise MissingPackageError("joblib", "study") from error
     if dask is None:
         # Threads only slow down linear algebra with small matrices.
-        threads = {"inner_max_num_threads": 1, "initializer": _begin_worker}
-        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), **threads):
+        settings = {"inner_max_num_threads": 1, "initializer": _begin_worker}
+        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), **settings):
             try:
                 yield
             except BrokenProcessPool as error:
@@ -58,7 +58,7 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
 
 
 def _begin_worker() -> None:
-    """A terminal sends Ctrl-C to workers, too; they ignore it and are ended by the command, instead of tracebacks."""
+    """Ignore Ctrl-C, which a terminal sends to workers as well: the command ends them, without tracebacks."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     reuse_memory()
 

@@ -139,11 +139,11 @@ class BodyModel:
         self.features = moving + flexing * self.count
         self.flexing: Indices = np.arange(moving, self.features).reshape(self.count, flexing)
         of_velocity, of_acceleration = np.split(self.flexing, 2, axis=1)
-        used, of_rates = np.r_[0:4, 7:MOTION_SIZE], [MOTION_SIZE] if self.has_rates else []
-        rates = [first + used[1:] for first in of_rates]
-        self.without_velocity: Indices = np.concatenate([used, *rates, of_acceleration.ravel()]).astype(np.intp)
-        rates = [first + np.r_[TWIST] for first in of_rates]
-        self.of_twist: Indices = np.concatenate([np.r_[TWIST], *rates, of_velocity.ravel()]).astype(np.intp)
+        starts = [0, MOTION_SIZE][: 1 + self.has_rates]  # of the motion, and of its rates
+        of_motion = [[0], *(first + np.r_[1:4, 7:MOTION_SIZE] for first in starts), of_acceleration.ravel()]
+        of_twist = [*(first + np.r_[TWIST] for first in starts), of_velocity.ravel()]
+        self.without_velocity: Indices = np.concatenate(of_motion).astype(np.intp)
+        self.of_twist: Indices = np.concatenate(of_twist).astype(np.intp)
 
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.positions = np.array([pose.translation for pose in state.poses])

@@ -31,12 +31,10 @@ from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZ
 from coheft.estimation.moments.unknowns import POSE_SIZE, THETA
 from coheft.estimation.rigid_body.regressor import spatial_inertia
 
-_FORCING_PRODUCTS = slice(7, 13)
-"""Slice of the products within ``motion[FORCING]``."""
-
-
 FOUND_TWIST, FOUND, COMMON, WEIGHTED = (slice(first, first + 6) for first in range(0, 24, 6))
 """Rows of ``MotionDerivatives.of_team``."""
+_FORCING_PRODUCTS = slice(7, 13)
+"""Slice of the products within ``motion[FORCING]``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +43,10 @@ class MotionDerivatives:
 
     Attributes:
         own: Derivatives of predictions of ``(w, v, a, slope)``, shape (N, k, 12, features).
-        of_team: ``sum_i B_i^T W_i`` times derivatives of predictions, of twists and of ``(a, slope)``; derivatives of
-            the products; and these weighted like ``(a, slope)``, with half of what they add. Shape (m, 24, features).
+        of_team: What all robots contribute to, six rows each, shape (m, 24, features): ``sum_i B_i^T W_i`` times
+            derivatives of predictions of twists; the same of ``(a, slope)``; derivatives of the products; and
+            ``sum_i P_i^T W_i`` times derivatives of ``(a, slope)``, with half of what the products add to these, where
+            ``P_i`` are the columns of ``predict_i`` for the products.
     """
 
     own: Array

@@ -26,7 +26,7 @@ class Factor(NamedTuple):
 
     @staticmethod
     def of(team: Iterable[Array], own: Iterable[Array]) -> Factor:
-        """Of parts with one more axis, with which the last one of ``Factor`` begins."""
+        """Of parts of which the last two axes become one, ``f``."""
         return Factor(*(tuple(part.reshape(*part.shape[:-2], -1) for part in parts) for parts in (team, own)))
 
     def times(self, right: Factor) -> Array:
@@ -39,7 +39,10 @@ class Factor(NamedTuple):
         return result
 
     def groups_times(self, right: Factor, size: int) -> Array:
-        """Compute the information of each group of so many own unknowns, shape (N k / size, size, size)."""
+        """Compute the information of each group of so many own unknowns, shape (N k / size, size, size).
+
+        Both factors have no common unknowns.
+        """
         left, other = (
             [part.reshape(-1, size, part.shape[-1]) for part in (*each.team, *each.own)] for each in (self, right)
         )

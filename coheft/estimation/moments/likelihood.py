@@ -87,7 +87,7 @@ def motion_score(body: BodyModel, derivatives: MotionDerivatives, moments: Motio
 
 
 def motion_grams(body: BodyModel, moments: MotionMoments) -> tuple[Grams, Grams]:
-    """Return the moments of ``psi`` less those of its noise, and those of its noise; twists are less their means."""
+    """Return the moments of ``psi`` without its noise, for twists also without means, and then those of its noise."""
     of_motion, of_noise = moments.of_motion, moments.number * body.motion_noise
     clean, means = of_motion - of_noise, of_motion[0] / max(moments.number, 1.0)
     return Grams(clean - of_motion[:, :1] * means, clean), Grams(of_noise, of_noise)

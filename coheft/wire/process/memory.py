@@ -34,8 +34,8 @@ def reuse_memory() -> None:
     """Keep freed memory for what is allocated next, where the C library can; this saves up to a fifth of fits' time."""
     if trimming() is not None:
         library = ctypes.CDLL(None)
-        library.mallopt(_KEPT_AT_END, 2 * _LARGE)
-        library.mallopt(_MAPPED_ALONE, _LARGE)
+        if library.mallopt(_MAPPED_ALONE, _LARGE):  # it may be too large for 32 bits, and the other one is no use alone
+            library.mallopt(_KEPT_AT_END, 2 * _LARGE)
 
 
 def trimming() -> Callable[[], object] | None:
