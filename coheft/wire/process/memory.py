@@ -14,7 +14,7 @@ _EVERY = 20.0
 """Time between two trims [s]; each takes some milliseconds."""
 _KEPT_AT_END, _MAPPED_ALONE, _HEAPS = -1, -3, -8
 """Parameters of ``mallopt``: ``M_TRIM_THRESHOLD``, ``M_MMAP_THRESHOLD`` and ``M_ARENA_MAX``."""
-_LARGE = 8 << 20
+_LARGE = 4 << 20
 """Size from which on memory is returned at once when it is freed [B]."""
 
 
