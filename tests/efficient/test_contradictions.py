@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient.contradictions import Contradictions, Use
+from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.app.run.inprocess import run_in_process
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import RowNoise
 from coheft.wire.messages.structs import Validity
 from coheft.wire.scenario.file import load_scenario
-from tests.efficient.rows import PERIOD, POSES
+from tests.efficient.rows import PERIOD, POSES, made_up_rows
 
 ROWS = RowCounts.of(Guards(), PERIOD)
 BURST, PAUSE = 10, 25
@@ -66,6 +70,16 @@ def test_residuals_at_different_estimates_are_not_summed(is_fitted: bool, contra
     residuals[12] = 4.0  # too little for a single row
     found = [contradictions.add(row, residuals, row if is_fitted else 0, certain)[0] for row in range(16)]
     assert (Use.BACK_TO_FIRST in found) == contradicts
+
+
+def test_mean_residuals_of_few_rows_are_as_uncertain_as_their_number_says() -> None:
+    rows, settings = made_up_rows(40), FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
+    session = Session(len(POSES), 0, settings, Guards())
+    for number, row in enumerate(rows[:-1]):
+        session.take(number, row)
+    innovations = session._known.innovations
+    uncertain = innovations.motion_uncertainty(rows[-1], 1, 4)
+    assert np.linalg.eigvalsh(uncertain[:6, :6])[0] >= 0.999 / innovations.past.rows
 
 
 def test_what_few_rows_show_of_sensor_errors_contradicts_no_motion() -> None:
