@@ -14,6 +14,9 @@ _LARGEST = 1e6
 """Larger readings are refused, whatever the unit [rad/s, m/s, m/s², N, N·m]; squares of smaller ones cannot
 overflow."""
 
+_ONSET = 2
+"""A sensor is about to freeze if so many changes at the end of a block are zero in all three axes."""
+
 
 class SensorCheck:
     """Checks one robot's samples.
@@ -62,12 +65,14 @@ class SensorCheck:
 
 
 def _frozen(samples: Array, steps: Array, before: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return which sensors are frozen, shape (5,): half of a block has no changes, which noise excludes.
+    """Return which sensors are frozen, shape (5,): half of a block or its end has no changes, which noise excludes.
 
     A sensor that was frozen in the last block (``before``) and starts with the same numbers is still frozen.
     """
     still = (steps.reshape(len(steps), -1, 3) == 0.0).all(axis=2)
     is_frozen: npt.NDArray[np.bool_] = (2 * still.sum(axis=0) >= len(steps)) | (before & still[0])
+    if len(still) >= _ONSET:
+        is_frozen |= still[-_ONSET:].all(axis=0)
     return is_frozen & samples.reshape(len(samples), -1, 3).any(axis=(0, 2))
 
 

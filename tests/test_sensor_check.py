@@ -89,7 +89,7 @@ def test_a_sensor_that_is_frozen_for_a_few_samples_more_is_not_believed_yet(sens
 
 
 @pytest.mark.parametrize("sensor", range(5), ids=SENSORS)
-@pytest.mark.parametrize("since", [0, 4])
+@pytest.mark.parametrize("since", [0, 4, BLOCK - 3])
 def test_a_frozen_sensor_is_found_even_if_it_froze_within_the_block(sensor: int, since: int) -> None:
     blocks = samples(4)
     axes = slice(3 * sensor, 3 * sensor + 3)
