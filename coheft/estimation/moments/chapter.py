@@ -16,10 +16,11 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
+from coheft.estimation.moments.derivatives import WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments
 from coheft.estimation.moments.fit_settings import FitSettings, Guess, expected_errors
-from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_evidence
+from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_derivatives, wrench_evidence
 from coheft.estimation.moments.moments import (
     EvaluatedMoments,
     Moments,
@@ -236,6 +237,7 @@ class EvidenceAt:
         self._body, self.factors = body, MotionFactors.at(body)
         self._motion_noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
         self._wrench_noise: Array | None = None
+        self._wrench_derivatives: WrenchDerivatives | None = None
 
     def of(self, moments: EvaluatedMoments) -> Evidence:
         """Evidence of motions and wrenches."""
@@ -250,7 +252,9 @@ class EvidenceAt:
         """Evidence of wrenches alone."""
         number = moments.number
         noise = None if self._wrench_noise is None else number * self._wrench_noise
-        by_wrench = wrench_evidence(self._body, self.factors.derivatives, moments, noise)
+        if self._wrench_derivatives is None:
+            self._wrench_derivatives = wrench_derivatives(self._body, self.factors.derivatives)
+        by_wrench = wrench_evidence(self._body, self._wrench_derivatives, moments, noise)
         if noise is None and number > 0.0:
             self._wrench_noise = by_wrench.noise / number
         return by_wrench

@@ -148,7 +148,7 @@ class MotionFactors(NamedTuple):
 
 def wrench_evidence(
     body: BodyModel,
-    motion: MotionDerivatives,
+    derivatives: WrenchDerivatives,
     moments: WrenchMoments,
     noise: Array | None = None,
 ) -> Evidence:
@@ -156,11 +156,11 @@ def wrench_evidence(
 
     Args:
         body: Matrices at the state, which has a load.
-        motion: Derivatives there.
+        derivatives: Derivatives there, see ``wrench_derivatives``.
         moments: Moments there.
         noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
-    derivatives, clean = WrenchDerivatives.at(body, motion, whitening(body)), without_noise(body, moments)
+    clean = without_noise(body, moments)
     left, right = wrench_factors(body, derivatives, clean)
     # Of equal unknowns, the product of the second parts is the transpose of that of the first ones.
     information = Factor((2.0 * left.team[0],), left.own).times(Factor(right.team[:1], right.own))
@@ -171,6 +171,11 @@ def wrench_evidence(
         noise = _symmetric(left.times(right))
     information = _symmetric(information)
     return Evidence.of_rows(wrench_score(derivatives, clean), information, noise, moments.number)
+
+
+def wrench_derivatives(body: BodyModel, motion: MotionDerivatives) -> WrenchDerivatives:
+    """Return derivatives of the whitened residual at a state with a load; ``motion`` are those of motion sensors."""
+    return WrenchDerivatives.at(body, motion, whitening(body))
 
 
 def whitening(body: BodyModel) -> Array:

@@ -21,7 +21,7 @@ from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
-from coheft.estimation.moments.likelihood import wrench_evidence
+from coheft.estimation.moments.likelihood import wrench_derivatives, wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, WrenchMoments
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.unknowns import Flags, State
@@ -220,7 +220,9 @@ def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: Fit
     load = np.concatenate([np.zeros(6), guess.theta])
     body = settings.body(state.with_load(load))
     unknowns = body.unknowns
-    total = wrench_evidence(body, MotionDerivatives.at(body), moments) + settings.expected(body)
+    total = wrench_evidence(body, wrench_derivatives(body, MotionDerivatives.at(body)), moments) + settings.expected(
+        body
+    )
     which = np.arange(unknowns.size)[unknowns.load if settings.has_offset else unknowns.theta]
     part = total.restricted(which)
     inverse = part.solve(settings.limits(unknowns.count, guess)[which]).inverse

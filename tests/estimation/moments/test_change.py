@@ -15,7 +15,7 @@ from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.likelihood import wrench_evidence
+from coheft.estimation.moments.likelihood import wrench_derivatives, wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.unknowns import THETA
@@ -175,7 +175,7 @@ def newest_evidence(found: Fitted, rows: Array) -> Evidence:
     body = found.estimate.body
     assert body.state.load is not None
     moments = wrench_moments(body, RowMoments.of(rows))
-    return wrench_evidence(body, MotionDerivatives.at(body), moments)
+    return wrench_evidence(body, wrench_derivatives(body, MotionDerivatives.at(body)), moments)
 
 
 def surprises(share: float, seeds: int) -> list[float]:
