@@ -3,6 +3,7 @@
 motions fit no body, or sensor errors exceed their tolerances   start over; tolerances grow if it happens twice in a row
 wrenches fit no load, or those of a new load change within      estimate the load anew
 a sensor's offset explains them as well as another load         undecided for a while
+newest rows show another pose of a grasp                        accepted, but a grasp may have slipped
 all rows fit                                                    accepted, unless a sensor shows an undeclared error
 """
 
@@ -128,8 +129,10 @@ class Acceptance:
             case _:
                 self._load_before = None
                 self.tolerances.hold(known.age)
-                has_error = not drifts and self.undeclared.test(known)
-                return Event.STARTED_OVER if has_error else Event.FITTED, end
+                if not drifts and self.undeclared.test(known):
+                    return Event.STARTED_OVER, end
+                stepped = known.pose_step()
+                return (Event.FITTED, end) if stepped is None else (Event.POSE_CHANGED, stepped)
 
     def accept(self) -> None:
         """Accept the last fit after all."""

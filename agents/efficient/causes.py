@@ -10,7 +10,7 @@ import math
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.slips import Slip, Suspicion
+from coheft.agents.efficient.slips import Slip, State, Suspicion
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Event
 from coheft.agents.efficient.unnoticed import Unnoticed
@@ -80,26 +80,29 @@ class Causes:
         if self._suspicion is not None and self._suspicion.is_expected:
             self._suspicion = None
 
-    def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool, unnoticed: UnnoticedStep) -> None:
-        """Begin to compare causes: from the row at this index on the load differs, or motions contradict each other.
+    def suspect(self, known: Knowledge, index: int, newest: int, state: State, unnoticed: UnnoticedStep) -> None:
+        """Begin to compare causes: from the row at this index on load, motions or poses differ.
 
         Args:
             known: Everything that is known.
             index: Index of the row in its buffer.
             newest: Number of the newest row.
-            is_load: Whether it looks like a load change.
+            state: What has been noticed.
             unnoticed: By how much the mass may have changed before.
         """
         buffer = known.buffer
         first = int(buffer.numbers[index]) if index < buffer.count else newest
+        if self._suspicion is not None and state is State.POSE_CHANGED:
+            self._suspicion.notice_pose()  # where a pose has changed is not known to the row
+            return
         if self._suspicion is not None and not self._suspicion.may_begin_at(first):
             self._suspicion = None
         if self._suspicion is None:
             index, changes = max(index, buffer.start), Unnoticed(unnoticed, self.load_drift(known, first))
             self._suspicion = Suspicion.of_change(
-                known, index, newest, len(self.changes), is_load, changes, self._rows.telling_apart
+                known, index, newest, len(self.changes), state, changes, self._rows.telling_apart
             )
-        elif self._suspicion.is_expected and is_load:
+        elif self._suspicion.is_expected and state is State.LOAD_OR_SLIP:
             self._suspicion.notice_load()
 
     def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:
@@ -136,7 +139,7 @@ class Causes:
     def contradiction_ends(self, number: int) -> None:
         """Note that motions contradict each other no longer from this row on, so no grasp has slipped when they did."""
         suspicion = self._suspicion
-        if suspicion is not None and not (suspicion.is_load or suspicion.is_expected):
+        if suspicion is not None and suspicion.is_contradiction:
             self._suspicion = None
         elif suspicion is not None and suspicion.is_load_certain:
             suspicion.contradiction_ends(number)
@@ -159,7 +162,7 @@ class Causes:
         if cause is not None and cause.robot is not None:
             slipped = suspicion.known_if_slipped(known, cause, guards)
             if slipped is not None:
-                self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, newest))
+                self._add_slip(Slip(cause.robot, cause.first, suspicion.noticed, newest))
                 if not suspicion.is_load_certain:
                     del self.changes[suspicion.changes :]
                     self._forgotten = min(self._forgotten, len(self.changes))
@@ -174,3 +177,10 @@ class Causes:
             self._suspicion = None
             return (Event.STARTED_OVER, None) if suspicion.favours_change else None
         return None
+
+    def _add_slip(self, slip: Slip) -> None:
+        """Add a slip; one before the last was named, of the same grasp, is that one, located better."""
+        if self.slips and self.slips[-1].robot == slip.robot and slip.first <= self.slips[-1].named:
+            self.slips[-1] = self.slips[-1]._replace(first=slip.first)
+        else:
+            self.slips.append(slip)

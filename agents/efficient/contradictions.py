@@ -30,8 +30,8 @@ _WINDOWS = np.array([1, 2, 4, 8, 16])
 """Numbers of newest rows that are tested."""
 _LONGEST = int(_WINDOWS[-1])
 
-
 Uncertainty = Callable[[int, int], Array]
+"""Covariance (12, 12) of a robot's residuals, mean over so many newest rows, because of the estimate's errors."""
 
 
 class Use(Enum):

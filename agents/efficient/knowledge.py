@@ -26,7 +26,9 @@ from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.misread import Misreading
+from coheft.estimation.moments.pose_steps import likeliest_pose_step
 from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.score_drift import ScoreDrift
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
 from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, UndeclaredError, undeclared_error
@@ -251,6 +253,15 @@ class Knowledge:
         """
         look = self.innovations.look_for_change()
         return self.buffer.start + look.first if look.statistic > self._guards.fresh_change else None
+
+    def pose_step(self) -> int | None:
+        """Return the index of the first row after a slip among the rows that were fitted, None if they are alike."""
+        if self.misses_poses or not self.may_show_slips:
+            return None
+        now, settings = self.fitted, self._settings
+        drift = ScoreDrift(now.body, self.buffer, settings) if settings.drift.is_any else None
+        step = likeliest_pose_step(now, self._chapter, self._anchor, drift, self._guards.pose_step)
+        return step.first if step is not None and step.statistic > 1.0 else None
 
     def known_from(self, prior: Prior) -> Estimate:
         """Return the estimate from a prior alone."""

@@ -22,6 +22,7 @@ from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.agents.efficient.slips import State
 from coheft.agents.efficient.stages import STAGE_AFTER, Event, ResetMonitor, Stage
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
@@ -159,7 +160,7 @@ class Session:
         match use:
             case Use.BACK_TO_FIRST:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
-                self._suspect(int(np.searchsorted(numbers, first)), is_load=False)
+                self._suspect(int(np.searchsorted(numbers, first)), State.CONTRADICTION)
                 self.causes.contradiction_begins()
                 self._known.take_back(first)
                 self._detector.take_back()
@@ -208,6 +209,9 @@ class Session:
                     self._forget_load(index, event, estimate)
             case Event.STARTED_OVER:
                 self._start_over()
+            case Event.POSE_CHANGED:
+                self.stage = STAGE_AFTER[event]
+                self._suspect(index, State.POSE_CHANGED)
             case _:
                 self.stage = STAGE_AFTER[event]
 
@@ -235,7 +239,7 @@ class Session:
     def _change_load(self, index: int, before: Estimate, number: int, surprise: float) -> None:
         """The load has changed at this index, as is noticed at this row; for the others, see ``Detected``."""
         known, load, unknowns = self._known, before.state.fitted_load, before.body.unknowns
-        self._suspect(index, is_load=True)
+        self._suspect(index, State.LOAD_OR_SLIP)
         if self._follow_drift(index, before, number):
             return
         covered = Unnoticed(drift=self.load_drift).cover(known, before, index)
@@ -287,11 +291,11 @@ class Session:
         self.stage = STAGE_AFTER[event]
         self._detector.settle()
 
-    def _suspect(self, index: int, is_load: bool) -> None:
-        """From the row at this index on, the load differs or motions contradict each other: compare the causes."""
+    def _suspect(self, index: int, state: State) -> None:
+        """From the row at this index on, load, motions or poses differ: compare the causes."""
         is_known = self.stage is Stage.ESTIMATING and not self._known.misses_poses
         if is_known and self._known.may_show_slips:
-            self.causes.suspect(self._known, index, self._newest, is_load, self._detector.step)
+            self.causes.suspect(self._known, index, self._newest, state, self._detector.step)
 
     # --- what is known ---
 

@@ -79,6 +79,7 @@ class Guards:
         offset: Probability that a sensor offset seems to explain the wrenches of another load by chance.
         fresh_change: Largest statistic of a change within the rows of a load that is fitted for the first time, over
             its threshold: some 1e-7 by chance.
+        pose_step: Probability that a stretch of newest rows shows another pose of one grasp by chance.
         calm: A load that is forgotten again sooner than this, or before it was known, needs twice as many rows [s]: a
             sensor may be faulty from time to time, and rows may be of both kinds. A contradiction of the same robot
             that returns sooner is still the same one.
@@ -131,6 +132,7 @@ class Guards:
     noise_tolerance: float = 0.2
     offset: float = 1e-4
     fresh_change: float = 0.65
+    pose_step: float = 1e-8
     calm: float = 1.0
     restless: float = 3.0
     mass: float = 1e-6

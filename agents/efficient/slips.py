@@ -77,6 +77,7 @@ class State(Enum):
     """What is known of a change whose cause is not."""
 
     CONTRADICTION = "motions contradict each other: a grasp has slipped, or a sensor is faulty"
+    POSE_CHANGED = "newest rows show another pose of a grasp: it has slipped, or a sensor is faulty"
     LOAD_OR_SLIP = "wrenches differ: the load has changed, or a grasp has slipped"
     AFTER_GAP = "rows were missing: the load may have changed, a grasp may have slipped, or both"
     EXPECTED_LOAD = "a change was expected, and wrenches differ"
@@ -112,9 +113,10 @@ class Suspicion:
         self._before, self._rows, self._first = before, rows, first
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self._state = noticed, changes, state
-        self._began_after_gap, self.favours_change = state is State.AFTER_GAP, False
+        self._began_after_gap = state is State.AFTER_GAP
+        self._contradicts = self.favours_change = state is State.POSE_CHANGED
         self._oldest = -1  # rows before this number are of another load
-        self._contradicts = self._rests = False  # if it rests, nothing is compared until motions contradict each other
+        self._rests = False  # if it rests, nothing is compared until motions contradict each other
 
     @staticmethod
     def of_change(
@@ -122,7 +124,7 @@ class Suspicion:
         index: int,
         noticed: int,
         changes: int,
-        is_load: bool,
+        state: State,
         unnoticed: Unnoticed,
         later: int,
     ) -> Suspicion:
@@ -132,7 +134,6 @@ class Suspicion:
         numbers = buffer.numbers[begin : buffer.count].tolist()
         rows = dict(zip(numbers, buffer.rows[begin : buffer.count].copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
-        state = State.LOAD_OR_SLIP if is_load else State.CONTRADICTION
         return Suspicion(StateBeforeChange.of(known, begin, unnoticed, later), rows, first, noticed, changes, state)
 
     @staticmethod
@@ -150,7 +151,12 @@ class Suspicion:
     @property
     def is_expected(self) -> bool:
         """Whether more may have changed than was noticed: rows were missing, or what was noticed is explained."""
-        return self._state not in (State.CONTRADICTION, State.LOAD_OR_SLIP)
+        return self._state not in (State.CONTRADICTION, State.POSE_CHANGED, State.LOAD_OR_SLIP)
+
+    @property
+    def is_contradiction(self) -> bool:
+        """Whether nothing has been noticed but that motions contradict each other."""
+        return self._state is State.CONTRADICTION
 
     @property
     def is_load_certain(self) -> bool:
@@ -165,6 +171,12 @@ class Suspicion:
     def notice_load(self) -> None:
         """Process that it looks like a load change now, as was expected."""
         self._state, self._rests = State.EXPECTED_LOAD, False
+
+    def notice_pose(self) -> None:
+        """Process that newest rows show another pose: a load that has changed does not explain that."""
+        if self._state is State.CONTRADICTION:
+            self._state = State.POSE_CHANGED
+        self._contradicts, self._rests, self.favours_change = True, False, True
 
     def notice_contradiction(self) -> None:
         """Process that motions contradict each other: a load that has changed does not explain that."""
@@ -240,7 +252,8 @@ class Suspicion:
         lead, doubtful = (both if is_load else slip) - others, max(slip, both) - others
         if self._state is State.AFTER_GAP:  # a change of the load has not been noticed yet
             doubtful = max(doubtful, load)
-        self.favours_change = self.is_expected and doubtful > guards.doubt
+        if self._state is not State.POSE_CHANGED:  # then something has changed for certain
+            self.favours_change = self.is_expected and doubtful > guards.doubt
         if lead <= guards.lead:
             return Cause(None, self._first, load > sensor) if max(load, sensor) > slip + guards.lead else None
         first = first_of_both if is_load else first

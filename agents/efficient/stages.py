@@ -22,6 +22,7 @@ class Event(Enum):
     UNDECIDED = "a load has been fitted, but a sensor that has an offset explains wrenches as well"
     LOAD_CHANGED = "the load is another one"
     MISFIT = "wrenches do not fit the load that was fitted to them"
+    POSE_CHANGED = "a load has been fitted, but newest rows show another pose of a grasp than all before"
     SLIPPED = "a grasp has slipped; the load is known with it"
     STARTED_OVER = (
         "all is forgotten: motions fit no poses, errors of sensors no tolerances, or for long rows fit no load,"
@@ -34,6 +35,7 @@ STAGE_AFTER = {
     Event.UNDECIDED: Stage.UNDECIDED,
     Event.LOAD_CHANGED: Stage.GATHERING,
     Event.MISFIT: Stage.GATHERING,
+    Event.POSE_CHANGED: Stage.ESTIMATING,
     Event.SLIPPED: Stage.ESTIMATING,
     Event.STARTED_OVER: Stage.GATHERING,
 }

@@ -150,6 +150,12 @@ def turned_about_one_axis() -> tuple[Array, list[Array]]:
     return rows, [LOAD] * 100 + [load] * 25
 
 
+def slipped_a_little() -> Array:
+    """Rows over a slip that is hidden in fits to rows from before and after it."""
+    poses = slipped_poses(3.0, 0.2, 1, 5)
+    return np.concatenate([made_up_rows(80, seed=5), made_up_rows(160, first=80, seed=5, poses=poses)])
+
+
 def knocked() -> Array:
     """Rows over motion sensors of robot 1 that are turned by 0.35°: now and then they contradict the others."""
     poses, unmoved = slipped_poses(0.0, 0.35, 1, 1), made_up_rows(140, first=BEFORE)
@@ -211,6 +217,7 @@ CASES = {
         lambda: shifted(0.018, after=20, axis=2)[1],
         missing=range(180, 210),
     ),
+    "pose_step": Case(slipped_a_little, lambda session, _: [slip.robot for slip in session.causes.slips] == [1]),
     "turn": Case(lambda: shifted(0.003, before=300)[0], lambda session, _: session.causes.changes != []),
     "worth_a_fit": Case(
         lambda: turned_about_one_axis()[0], lambda _, then: is_sure_after(then, 107), lambda: turned_about_one_axis()[1]

@@ -90,6 +90,20 @@ def test_of_two_slips_each_is_named() -> None:
     assert largest_error(found, tuple(again)) < 5.0
 
 
+@pytest.mark.parametrize("seed", [3, 4, 5, 6, 7, 9])
+def test_a_slip_that_is_hidden_in_fits_is_found_nevertheless(seed: int) -> None:
+    """Fits to rows from before and after it have poses in between, with residuals like noise."""
+    poses, found = slipped_poses(3.0, 0.2, seed % 4, seed), session()
+    rows = [made_up_rows(80, seed=seed), made_up_rows(160, first=80, seed=seed, poses=poses)]
+    errors = list[float]()
+    for number, row in enumerate(np.concatenate(rows)):
+        found.take(number, row)
+        if number > 80 + 1.5 / PERIOD and is_valid(found):
+            errors.append(largest_error(found, poses))
+    assert len(errors) > 40
+    assert max(errors) < 5.0
+
+
 def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
     rows, _ = slipped(20.0, 1.0, 1, 3)
     found = fed(rows[: BEFORE + 40])
@@ -100,8 +114,8 @@ def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
 
 def test_after_a_slip_among_the_first_rows_of_all_nothing_from_before_is_kept() -> None:
     """The first fit is to rows from before and after it, so nothing that it is compared with is from before."""
-    poses = slipped_poses(5.0, 0.3, 0, 4)
-    rows = np.concatenate([made_up_rows(20, seed=4), made_up_rows(160, first=20, seed=4, poses=poses)])
+    poses = slipped_poses(5.0, 0.3, 1, 5)
+    rows = np.concatenate([made_up_rows(8, seed=5), made_up_rows(160, first=8, seed=5, poses=poses)])
     numbers, found = iter(range(len(rows))), session()
     while not found.causes.slips:
         number = next(numbers)

@@ -107,6 +107,7 @@ SWITCHED_OFF = {
     "undeclared": 1e-300,
     "fresh_change": 1e9,
     "mass": 0.999,
+    "pose_step": 1e-300,
     "undecided": 0.0,
     "small_step": 1e-300,
     "shortest": 1e9,

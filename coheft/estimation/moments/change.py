@@ -9,7 +9,7 @@ which is the sum of squared residuals of all rows, less those of older and of ne
 offset stays when the load changes: it is among the unknowns of ``H``, but only the part of ``S_k`` that concerns theta
 is tested. This is the first test, at fixed poses (``look_for_change``). The second (``surprise``) tests the newest
 rows against a fit to all older ones, and includes the full uncertainty of that fit. A third statistic is of a change
-among the rows of one fit (``change_within_fit``); it only says where a change is.
+among the rows of one fit (``change_within_fit``), of the load or, in ``pose_steps``, of a pose.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
         covariance: Covariance of all unknowns in that fit, shape (u, u).
         theta: Slice of theta among the unknowns.
     """
-    _, score, spread = _score_of_theta(newest, covariance, theta)
+    _, score, spread = _score_of(theta, newest, covariance)
     if len(score) == 0:
         return 0.0
     return float(score @ np.linalg.solve(spread, score)) / chi_square_threshold(len(score), FALSE_ALARM)
@@ -180,20 +180,22 @@ def windows(count: int) -> Indices:
     return _WINDOWS[: np.searchsorted(_WINDOWS, count)]
 
 
-def change_within_fit(newest: Evidence, inverse: Array, theta: slice) -> float:
-    """Return the statistic of a change of theta among the rows of a fit, chi-square with at most 10 degrees of freedom.
+def change_within_fit(newest: Evidence, inverse: Array, changed: slice | Indices, drift: Array | None = None) -> float:
+    """Return the statistic of a change of some unknowns among the rows of a fit, chi-square with as many degrees of
+    freedom as there are unknowns, or fewer.
 
-        S = e_k,    V = H_k - H_k H^-1 H_k    of theta, with the score ``e_k`` of the newest rows at the fit to all rows
+        S = e_k,    V = H_k - H_k H^-1 H_k + D    of these, with the score ``e_k`` of the newest rows at the fit
 
     Args:
         newest: Evidence of the rows since the change, around that fit.
         inverse: Inverse ``H^-1`` of the information of that fit on all unknowns, shape (u, u).
-        theta: Slice of theta among the unknowns.
+        changed: Indices of the unknowns that may have changed.
+        drift: ``D``, the covariance of the score due to drifting sensors; None if they do not drift.
 
     Returns:
-        The statistic; 0 if these rows do not show theta.
+        The statistic; 0 if these rows do not show them.
     """
-    _, score, spread = _score_of_theta(newest, -inverse, theta)  # the fit is to these rows as well
+    _, score, spread = _score_of(changed, newest, -inverse, drift)  # the fit is to these rows as well
     shares, directions = np.linalg.eigh(spread)
     is_left = shares > _LEFT
     return float(((directions[:, is_left].T @ score) ** 2 / shares[is_left]).sum())
@@ -217,18 +219,21 @@ def likeliest_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
     """Return the likeliest difference (10,) of theta from that fit; arguments as for ``surprise``, but the covariance
     includes that of the difference.
     """
-    shown, score, spread = _score_of_theta(newest, covariance, theta)
+    shown, score, spread = _score_of(theta, newest, covariance)
     step: Array = covariance[theta] @ shown.T @ np.linalg.solve(spread, score)
     return step
 
 
-def _score_of_theta(newest: Evidence, covariance: Array, theta: slice) -> tuple[Array, Array, Array]:
-    """Return derivative (k, u), score (k,) and its covariance (k, k), in directions of theta with motion."""
-    of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
-    tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
+def _score_of(
+    some: slice | Indices, newest: Evidence, covariance: Array, drift: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Return derivative (k, u), score (k,) and its covariance (k, k), in directions of some unknowns with motion."""
+    of_noise, of_all = newest.noise[some][:, some], newest.information[some]
+    tested, _ = seen_directions(of_all[:, some] + of_noise, of_noise)
     shown = tested @ of_all
-    spread = tested @ (of_all[:, theta] + of_noise) @ tested.T + shown @ covariance @ shown.T
-    return shown, tested @ newest.score[theta], spread
+    own = of_all[:, some] + of_noise if drift is None else of_all[:, some] + of_noise + drift
+    spread = tested @ own @ tested.T + shown @ covariance @ shown.T
+    return shown, tested @ newest.score[some], spread
 
 
 class _Scores(NamedTuple):

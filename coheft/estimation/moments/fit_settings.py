@@ -192,6 +192,10 @@ class FitSettings:
         result: Array = seconds / 60.0 * np.square(drift / self.noise.kinematics)
         return result
 
+    def drifted_wrench(self, body: BodyModel, seconds: float) -> Array:
+        """Covariance (6, 6) of the drift of the total wrench's offset in a time [s]."""
+        return seconds / 60.0 * _of_total(body, self.drift.force, self.drift.torque)
+
     def drifted(self, body: BodyModel, seconds: float) -> tuple[Indices, Array]:
         """Return indices (k,) of the unknowns that drift, and the covariance (k, k) of their drift in a time [s]."""
         unknowns, drift, minutes = body.unknowns, self.drift, seconds / 60.0

@@ -1,0 +1,107 @@
+"""Test for a slip among the rows of one fit: do the newest rows show another pose of a grasp than all before?
+
+    S = e_k,    V = H_k - H_k H^-1 H_k + D    of one pose,    S^T V^-1 S ~ chi-square with 6 degrees of freedom
+
+with the score ``e_k`` and the information ``H_k`` of the newest ``k`` rows, motion and wrenches, at a fit to all rows
+and to what was known before, whose information is ``H``. The fit has adapted its poses to rows of both kinds, so its
+residuals alone hardly show a slip. Where sensors drift within the chapter, ``D`` is what that adds. If the anchor has
+slipped, all other poses seem to have changed.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.moments.change import change_within_fit, windows
+from coheft.estimation.moments.chapter import Chapter, EvidenceAt
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments
+from coheft.estimation.moments.score_drift import ScoreDrift
+from coheft.estimation.moments.unknowns import POSE_SIZE
+
+_TESTED = slice(2, None, 3)
+"""Every third window is tested first, from 3 rows on."""
+_WORTH_A_SEARCH, _SEARCHED = 0.4, 9
+"""If the statistic is at least this share of its threshold, so many rows around the likeliest one are tried."""
+
+
+class PoseStep(NamedTuple):
+    """The likeliest step of a pose.
+
+    Attributes:
+        first: Index of the first row after it.
+        robot: Index of the robot.
+        statistic: Statistic over its threshold.
+    """
+
+    first: int
+    robot: int
+    statistic: float
+
+
+class NewestRows:
+    """Evidence of newest rows at a fit to all rows.
+
+    Args:
+        estimate: The fit.
+        chapter: The rows.
+    """
+
+    def __init__(self, estimate: Estimate, chapter: Chapter) -> None:
+        self._body, self._buffer, self._at_estimate = estimate.body, chapter.buffer, EvidenceAt(estimate.body)
+        nothing = RowMoments(np.zeros((chapter.buffer.rows.shape[1],) * 2))
+        self._moments = {chapter.buffer.count: (nothing, nothing)}  # of all rows since an index, and of wrenches
+
+    def since(self, first: int) -> Evidence:
+        """Of the rows from this index on."""
+        buffer, later = self._buffer, min(index for index in self._moments if index >= first)
+        of_all, of_load = self._moments[later]
+        if first >= buffer.start:
+            of_all = of_load = of_all + RowMoments.of(buffer.rows[first:later])
+        else:  # wrenches before are of another load
+            of_all += RowMoments.of(buffer.rows[first:later])
+            of_load += RowMoments.of(buffer.rows[min(buffer.start, later) : later])
+        self._moments[first] = of_all, of_load
+        return self._at_estimate.of(evaluated_moments(self._body, of_all, of_load))
+
+
+def likeliest_pose_step(
+    estimate: Estimate, chapter: Chapter, anchor: int, drift: ScoreDrift | None, false_alarm: float
+) -> PoseStep | None:
+    """Return the likeliest step of a pose, None if there are too few rows.
+
+    Args:
+        estimate: The fit to all rows of the chapter, with all poses and a load.
+        chapter: Rows, and what was known before.
+        anchor: Index of the robot whose pose is fixed.
+        drift: Computes ``D``; None if sensors do not drift.
+        false_alarm: Probability that the newest ``k`` rows show a step of one robot's pose by chance.
+    """
+    newest, count = NewestRows(estimate, chapter), chapter.buffer.count
+    threshold = chi_square_threshold(POSE_SIZE, false_alarm)
+    others = [(robot, pose) for robot, pose in enumerate(estimate.body.unknowns.poses) if robot != anchor]
+
+    def likeliest(first: int) -> PoseStep:
+        evidence = newest.since(first)
+        found = list[tuple[float, int]]()
+        for robot, pose in others:
+            by_drift = None if drift is None else drift.covariance(first, robot)
+            found.append((change_within_fit(evidence, estimate.inverse, pose, by_drift), robot))
+        statistic, robot = max(found)
+        return PoseStep(first, robot, statistic / threshold)
+
+    firsts = (count - windows(count)[_TESTED]).tolist()
+    if chapter.prior is not None:
+        firsts.append(0)
+    steps = list(map(likeliest, firsts))
+    largest = max(steps, key=lambda step: step.statistic, default=None)
+    if largest is None or largest.statistic < _WORTH_A_SEARCH:
+        return largest
+    later = min((first for first in firsts if first > largest.first), default=largest.first)
+    earlier = max((first for first in firsts if first < largest.first), default=0)
+    between = np.unique(np.linspace(later, earlier, _SEARCHED).astype(int)).tolist()
+    return max(map(likeliest, between), key=lambda step: step.statistic)
