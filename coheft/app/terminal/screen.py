@@ -87,17 +87,17 @@ class LineDisplay(Display):
 
     def begin(self, status: Status) -> None:
         """Print which run begins."""
-        self._print(_first_line(status))
+        self.tell(_first_line(status))
 
     def note(self, text: str) -> None:
         """Print a note, once until the run has gone on."""
         if text != self._note:
-            self._print(text)
+            self.tell(text)
         self._note = text
 
     def tell(self, text: str) -> None:
         """Print a line."""
-        self._print(text)
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def update(self, record: Record) -> None:
         """Print a line if one is due, and events: changes of the load, and why estimates are stale."""
@@ -105,7 +105,7 @@ class LineDisplay(Display):
             self._note, self._noted_at = "", record.time
         if record.time >= (self._lines + 1) * _LINE_EVERY:
             self._lines = int(record.time / _LINE_EVERY)
-            self._print(_summary_line(record))
+            self.tell(_summary_line(record))
         self._print_loads(record)
         if record.time >= self._checked + _CHECK_EVERY:
             self._checked = record.time
@@ -113,15 +113,15 @@ class LineDisplay(Display):
 
     def problem(self, problem: Problem) -> None:
         """Print a problem that a process reported."""
-        self._print(f"{problem.source}: {problem.text}")
+        self.tell(f"{problem.source}: {problem.text}")
 
     def _print_loads(self, record: Record) -> None:
         for period in record.periods[self._periods :]:
-            self._print(f"{period.start:5.1f} s: the payload is {period.truth.payload.mass:.2f} kg now")
+            self.tell(f"{period.start:5.1f} s: the payload is {period.truth.payload.mass:.2f} kg now")
             self._periods, self._is_noticed = self._periods + 1, False
         noticed = record.periods[-1].noticed if record.periods else {}
         if not self._is_noticed and len(noticed) == len(record.robots):
-            self._print(f"{max(noticed.values()):5.1f} s: all robots have noticed the change")
+            self.tell(f"{max(noticed.values()):5.1f} s: all robots have noticed the change")
             self._is_noticed = True
 
     def _print_stale(self, record: Record) -> None:
@@ -130,14 +130,11 @@ class LineDisplay(Display):
         for reason, names in reasons.items():
             printed = self._printed.setdefault(reason, set())
             if record.time - self._since[reason] >= _LASTING and not printed.issuperset(names):
-                self._print(f"{record.time:5.1f} s: {_stale_line(reason, names)}")
+                self.tell(f"{record.time:5.1f} s: {_stale_line(reason, names)}")
                 printed.update(names)
         if any(self._printed.values()) and not reasons:
-            self._print(f"{record.time:5.1f} s: no estimate is stale any more")
+            self.tell(f"{record.time:5.1f} s: no estimate is stale any more")
         self._printed = {reason: printed for reason, printed in self._printed.items() if reason in reasons}
-
-    def _print(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 class LiveDisplay(Display):
@@ -154,7 +151,7 @@ class LiveDisplay(Display):
 
     def begin(self, status: Status) -> None:
         """Print which run begins, above the table."""
-        self._console.print(_first_line(status), markup=False, highlight=False)
+        self.tell(_first_line(status))
 
     def note(self, text: str) -> None:
         """Show a note instead of the table."""
