@@ -90,5 +90,5 @@ def process_log() -> Iterator[None]:
 @pytest.fixture
 def own_state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test does not see the runs of the user who runs it."""
-    for name in ("XDG_STATE_HOME", "LOCALAPPDATA", "HOME"):
+    for name in ("XDG_STATE_HOME", "HOME"):
         monkeypatch.setenv(name, str(tmp_path / "state"))

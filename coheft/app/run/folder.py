@@ -40,9 +40,7 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def runs_folder() -> Path:
     """Return the folder of this user's runs, at the platform's usual place, or raise a ``CoheftError``."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
-    elif sys.platform == "darwin":
+    if sys.platform == "darwin":
         base = "~/Library/Application Support"
     else:
         base = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
