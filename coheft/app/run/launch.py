@@ -21,7 +21,7 @@ from coheft.app.run.plan import Plan
 from coheft.app.run.processes import Processes, make_fork_server
 from coheft.app.terminal.digits import seconds_of
 from coheft.app.terminal.screen import Display
-from coheft.app.terminal.standard_output import check_standard_output
+from coheft.app.terminal.standard_output import lost_output
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import RunState, Status, StatusRequest
 from coheft.wire.messages.structs import Problem
@@ -77,8 +77,12 @@ def launch(
         server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
-        assert server.process.stdin is not None
-        with announced(folder, plan.run_file(processes.pids)), _beating(server.process.stdin):
+        stdin = server.process.stdin
+        assert stdin is not None
+        # A supervisor that is stopped (Ctrl-Z, SIGSTOP) would miss the rest of its run, and its report would be missing
+        # or wrong. So the server pauses the run while no heartbeat arrives, and then resumes it.
+        beating = Heartbeat(lambda: _write(stdin, b"\n"), BEAT)
+        with announced(folder, plan.run_file(processes.pids)), beating:
             again = Restarts(
                 restarts, processes, observer, display, lambda: announce(folder, plan.run_file(processes.pids))
             )
@@ -91,14 +95,14 @@ def launch(
             is_saving = plan.server.save_data is not None
             if ctrl_c is not None:
                 ctrl_c.begin()
-            end = EndByCtrlC(ctrl_c, server.process.stdin, display)
+            end = EndByCtrlC(ctrl_c or FirstCtrlC(), stdin, display)
             status = _follow(audience, observer, processes, again, end, is_saving=is_saving)
             with suppress(CoheftError):  # for instance a full disk, which must not cost the report
                 note_end(folder, status.time)
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
-        if end.is_asked:
+        if end.ctrl_c.is_pressed:
             raise KeyboardInterrupt("not every robot had sent an estimate yet")
         raise LinkError(f"the run ended before every robot had sent an estimate; see the logs in {folder}")
     report = build_report(scenario, record, real_time_factor=status.real_time_factor, late_blocks=status.late_blocks)
@@ -180,15 +184,6 @@ class Restarts:
         return status.state in (RunState.RUNNING, RunState.PAUSED)
 
 
-def _beating(stdin: IO[bytes]) -> Heartbeat:
-    """Return a context in which heartbeats, a line each, are sent to the server's stdin.
-
-    A supervisor that is stopped (Ctrl-Z, SIGSTOP) would miss the rest of its run, and its report would be missing or
-    wrong. So the server pauses the run while no heartbeat arrives, and then resumes it.
-    """
-    return Heartbeat(lambda: _write(stdin, b"\n"), BEAT)
-
-
 def _write(stdin: IO[bytes], line: bytes) -> None:
     with suppress(OSError, ValueError):  # the server has ended, or its stdin is closed
         if select.select([], [stdin], [], 0.0)[1]:  # do not wait for a frozen server, which reads nothing
@@ -200,18 +195,13 @@ def _write(stdin: IO[bytes], line: bytes) -> None:
 class EndByCtrlC:
     """Ends a run after the first Ctrl-C: asks the server, on its stdin, to end it as ``coheft stop`` does."""
 
-    ctrl_c: FirstCtrlC | None
+    ctrl_c: FirstCtrlC
     stdin: IO[bytes]
     display: Display
 
-    @property
-    def is_asked(self) -> bool:
-        """Whether there has been a first Ctrl-C."""
-        return self.ctrl_c is not None and self.ctrl_c.is_pressed
-
     def begins(self) -> bool:
         """Ask for the end if there has been a first Ctrl-C since the last call; return whether there has."""
-        if self.ctrl_c is None or not self.ctrl_c.take():
+        if not self.ctrl_c.take():
             return False
         self.display.tell(SENTENCE)
         _write(self.stdin, STOP)
@@ -274,7 +264,7 @@ def _follow(
             audience.display.note(f"this process was stopped for {gap:.0f} s, and time stood still for most of that")
         if goes_on:
             news = time.monotonic()
-        elif end.is_asked:
+        elif end.ctrl_c.is_pressed:
             if has_arrived:
                 news = time.monotonic()
             elif time.monotonic() > news + _END_SILENCE:
@@ -325,7 +315,8 @@ def watch(folder: Path, run_file: RunFile, display: Display) -> str:
         audience = Audience(Record(status.scene, status.duration, status.estimator), display)
         news = time.monotonic()
         while status.state is not RunState.FINISHED:
-            check_standard_output()
+            if failure := lost_output():
+                raise failure
             if audience.collect(observer).goes_on:
                 news = time.monotonic()
             if time.monotonic() < news + _SILENCE and not observer.has_ended:

@@ -60,9 +60,3 @@ def lost_output() -> OSError | None:
         return error
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     return raw.failure if isinstance(raw, _Output) else None
-
-
-def check_standard_output() -> None:
-    """Raise an ``OSError`` if printed text does not arrive, in commands that only print."""
-    if failure := lost_output():
-        raise failure
