@@ -22,7 +22,6 @@ from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
 from coheft.consensus.graph import build_graph, diameter
 from coheft.wire.messages.structs import Estimate, Validity
-from coheft.wire.scenario.schema import LoadChange
 
 BACK_FROM_SILENCE = 3.0
 """Time until every robot is valid again after crashes and partitions [s]."""
@@ -48,13 +47,10 @@ def latest_recovery(schedule: FaultSchedule) -> float:
 
 def _last_event(schedule: FaultSchedule) -> float:
     scenario = schedule.scenario
-    changes = (*(_end_of(change) for change in scenario.load_changes), *(slip.at for slip in scenario.slips))
-    return max([schedule.last_fault_end, *changes])
-
-
-def _end_of(change: LoadChange) -> float:
-    """Return the time at which a load change is over [s]: a load that leaks changes until it is empty."""
-    return change.at + (change.mass or 0.0) / change.leak if change.leak > 0.0 else change.at
+    ends = [slip.at for slip in scenario.slips]
+    for change in scenario.load_changes:  # a load that leaks changes until it is empty
+        ends.append(change.at + (change.mass or 0.0) / change.leak if change.leak > 0.0 else change.at)
+    return max([schedule.last_fault_end, *ends])
 
 
 def _exchange_time(schedule: FaultSchedule) -> float:
