@@ -103,12 +103,12 @@ def _known_columns(table: Table) -> dict[str, str]:
 
 def _times(table: Table) -> Array:
     """Return the times of samples, shape (n,) [s]."""
-    whole, rest = (_ending(table, ends) for ends in (_SECONDS, _NANOSECONDS))
-    if whole and rest:
-        seconds, nanoseconds = table.numbers([whole, rest]).T
+    split = [[name for name in table.names if name.endswith(ends)] for ends in (_SECONDS, _NANOSECONDS)]
+    if all(split):
+        seconds, nanoseconds = table.numbers([names[0] for names in split]).T
         table.check_growing(seconds * 1e9 + nanoseconds, " ns")
-        split: Array = seconds + nanoseconds * _TO_SECONDS
-        return split
+        whole: Array = seconds + nanoseconds * _TO_SECONDS
+        return whole
     stamps = [name for name in table.names if name.endswith(_STAMP)]
     names = [*stamps[:1], *(name for name in (_RECEIVED,) if name in table.names)]
     if not names:
@@ -126,8 +126,3 @@ def _times(table: Table) -> Array:
         LOG.warning(f"coheft: {table.file}: no {_FIELD}{_STAMP}: taken from {_RECEIVED}, when messages were received")
     table.check_growing(time, " ns")
     return time * _TO_SECONDS
-
-
-def _ending(table: Table, ends: tuple[str, ...]) -> str | None:
-    """The first column whose name has one of these ends."""
-    return next((name for name in table.names if name.endswith(ends)), None)
