@@ -91,7 +91,7 @@ class Simulation:
         )
         self.block = 0
         if mujoco.get_mju_user_warning() is None:  # by default MuJoCo writes a file into the current folder
-            mujoco.set_mju_user_warning(_warn)
+            mujoco.set_mju_user_warning(lambda text: LOG.warning("MuJoCo warns: %s", one_line(text)))
         errors = SensorErrors.drawn(scenario, len(names))
         self.model = build_model(scenario, grasps, errors)
         self.data = mujoco.MjData(self.model)
@@ -272,7 +272,3 @@ def _encoders_of(scenario: Scenario) -> Encoders | None:
     from coheft.physics_server.arms.encoders import Encoders  # slow to import: it loads scipy
 
     return Encoders(errors, scenario)
-
-
-def _warn(text: str) -> None:
-    LOG.warning("MuJoCo warns: %s", one_line(text))
