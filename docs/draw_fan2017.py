@@ -70,10 +70,6 @@ class Run:
         before = max((each for each in self.adopted if each <= block), default=self.adopted[0])
         return self.beliefs[before][robot].poses[neighbour].pose
 
-    def true_pose(self, robot: str, neighbour: str, block: int) -> Pose:
-        """Return the true pose of a neighbour."""
-        return self.judge.relative_pose(robot, neighbour)
-
     @cached_property
     def bodies(self) -> Array:
         """Each robot's m, h and J in the payload's frame, (robots, blocks, 10); NaN where unknown."""
@@ -233,7 +229,7 @@ def _draw_consensus(found: Run) -> Figure:
     sums, bodies = figure.subplots(1, 2)
     late = found.times > found.start + 1.0
     for k, (part, label) in enumerate(((slice(0, 3), "force, N"), (slice(3, 6), "torque, N·m"))):
-        for whose, poses in (("true poses", found.true_pose), ("their own poses", found.pose_in_use)):
+        for whose, poses in (("true poses", found.judge.relative_pose), ("their own poses", found.pose_in_use)):
             apart = _apart(found, poses)[:, :, part]
             worst = np.linalg.norm(apart, axis=2).max(axis=0)
             style = {"alpha": 0.35} if whose == "true poses" else {}
