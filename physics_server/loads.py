@@ -11,7 +11,7 @@ from coheft.errors import LoadError
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.messages.truth import LoadState
-from coheft.wire.scenario.payload import Payload
+from coheft.wire.scenario.payload import Payload, vector_of
 from coheft.wire.scenario.payload_extent import extent_of
 from coheft.wire.scenario.section import Vector
 from coheft.wire.scenario.strength import Strength
@@ -100,7 +100,8 @@ class Loads:
                 f"all {len(self._slots)} load slots of the payload are in use: remove one of the loads "
                 f"{_ids(self.states)}, or increase the scenario's 'payload.load_slots'"
             )
-        load = LoadState(self._next_id, float(mass), _vector(position), _vector(size), float(leak))
+        place, edges = (vector_of(np.array(each, dtype=np.float64)) for each in (position, size))
+        load = LoadState(self._next_id, float(mass), place, edges, float(leak))
         with np.errstate(over="ignore", invalid="ignore"):
             together = combined([self.inertia, _inertia_of(load)]).spatial()
         if not np.isfinite(together).all():
@@ -190,11 +191,6 @@ def _check(mass: float, position: Vector, size: Vector, leak: float) -> None:
         raise LoadError(f"size of a load is {tuple(size)} m but expected three finite numbers greater than 0")
     if not (math.isfinite(leak) and leak >= 0.0):
         raise LoadError(f"leak of a load is {leak} kg/s but expected a finite number not below 0")
-
-
-def _vector(values: Sequence[float]) -> Vector:
-    x, y, z = map(float, values)
-    return x, y, z
 
 
 def _ids(loads: Sequence[LoadState]) -> str:
