@@ -15,8 +15,9 @@ from coheft.errors import CoheftError, UsageError
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.consistency import is_possible
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.requests import RunState
-from coheft.wire.messages.structs import Estimate, Validity
+from coheft.wire.messages.requests import RunState, StatusRequest
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Validity
+from coheft.wire.scenario.plugins import estimator_names
 
 _ROUNDING = 1e-9
 _PATIENCE = 5.0
@@ -179,9 +180,6 @@ def load_of_run(folder: Path | None, robot: str | None, estimator: str | None) -
     """
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import observe
-    from coheft.wire.messages.requests import StatusRequest
-    from coheft.wire.messages.structs import Estimate, EstimateBeside
-    from coheft.wire.scenario.plugins import estimator_names
 
     place, run_file = locate_run(folder)
     with observe(run_file) as observer:
