@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import msgspec
 import numpy as np
 import pytest
@@ -87,9 +89,15 @@ class Team:
         return FaultyBlock(number, self.truths[number], outboxes, crashes or {})
 
 
+@cache
+def team_of(changes: tuple[LoadChange, ...]) -> Team:
+    """Faults make no difference to it."""
+    return Team(schedule(changes=changes))
+
+
 def violations(run: FaultSchedule, number: int = 20, **made_up: object) -> list[Violation]:
     """Of a run in which r1 publishes one estimate, after that block."""
-    team = Team(run)
+    team = team_of(run.scenario.load_changes)
     watch = Watch(run, team.scene)
     for block in range(number):
         watch.check(team.block(block))
@@ -135,7 +143,7 @@ def test_covariances_must_be_positive_and_payloads_possible():
 def test_a_change_of_the_load_must_be_known_after_the_time_of_grace():
     """What is published is the payload of the block before the change."""
     run = schedule(changes=(LoadChange(at=1.0, mass=2.0),))
-    team = Team(run)
+    team = team_of(run.scenario.load_changes)
     old = team.estimate(9).payload
     assert old is not None
 
@@ -153,7 +161,7 @@ def test_a_change_of_the_load_must_be_known_after_the_time_of_grace():
 
 def test_a_load_that_leaks_is_compared_with_what_is_left_of_it():
     run = schedule(changes=(LoadChange(at=1.0, mass=2.0, leak=0.5),))
-    team = Team(run)
+    team = team_of(run.scenario.load_changes)
     watch = Watch(run, team.scene)
     for block in range(80):
         watch.check(team.block(block, team.estimate(block)))
@@ -173,7 +181,7 @@ def test_poses_of_those_who_let_go_and_words_of_liars_are_not_judged():
 
 def test_an_exception_is_a_broken_promise():
     run = schedule()
-    team = Team(run)
+    team = team_of(run.scenario.load_changes)
     watch = Watch(run, team.scene)
     watch.check(team.block(0, crashes={"r2": ValueError("no such thing")}))
     (found,) = watch.violations
@@ -182,7 +190,7 @@ def test_an_exception_is_a_broken_promise():
 
 def recovered(run: FaultSchedule, valid: float, again: float) -> tuple[float | None, list[Violation]]:
     """All are valid from one time on, not during faults, and again from another time on."""
-    team = Team(run)
+    team = team_of(run.scenario.load_changes)
     recovery = Recovery(run)
     for block in range(run.scenario.blocks):
         time = (block + 1) * BLOCK
@@ -213,7 +221,7 @@ def test_all_must_be_valid_again_in_time(fault: AnyFault, limit: float):
 
 def test_a_run_is_over_when_all_have_long_been_valid_and_nothing_is_to_come():
     run = schedule(Loss(start=2.0, end=3.0, probability=0.5), changes=(LoadChange(at=4.0, mass=1.0),))
-    team, recovery = Team(run), Recovery(run)
+    team, recovery = team_of(run.scenario.load_changes), Recovery(run)
     steady = []
     for block in range(run.scenario.blocks):
         status = "stale" if block == 50 else "valid"  # 5.1 s
@@ -225,7 +233,7 @@ def test_a_run_is_over_when_all_have_long_been_valid_and_nothing_is_to_come():
 
 def test_who_has_not_noticed_yet_what_is_wrong_is_not_valid_again():
     run = schedule(Loss(start=2.0, end=3.0, probability=0.5))
-    team, recovery = Team(run), Recovery(run)
+    team, recovery = team_of(run.scenario.load_changes), Recovery(run)
     for block in range(run.scenario.blocks):
         status = "stale" if 38 <= block < 60 else "valid"  # 3.9 s to 6.1 s
         recovery.add(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
