@@ -234,7 +234,7 @@ def test_what_a_campaign_finds_is_shown_again_by_its_last_line(
         "--seeds",
         "1",
         "--first-seed",
-        "0",
+        "332",
         "--mutant",
         MUTANT,
         "--jobs",
@@ -244,13 +244,13 @@ def test_what_a_campaign_finds_is_shown_again_by_its_last_line(
     ]
     assert run_command_line([*arguments, "--table", str(table)]) == EXIT_BROKEN_PROMISE
     last = capfd.readouterr().out.splitlines()[-1]
-    assert last == f"coheft faults --replay 0 --mutant {MUTANT}"
-    assert json.loads(report.read_bytes())["failed"] == [0]
+    assert last == f"coheft faults --replay 332 --mutant {MUTANT}"
+    assert json.loads(report.read_bytes())["failed"] == [332]
     assert "\n| crash | 1 | " in table.read_text()
 
     assert run_command_line(shlex.split(last)[1:]) == EXIT_BROKEN_PROMISE
     out = capfd.readouterr().out
-    assert out.startswith("seed 0: ")
+    assert out.startswith("seed 332: ")
     assert "crash: robot " in out
     assert "P3 at " in out
 
