@@ -305,8 +305,9 @@ def test_vibrations_are_not_taken_for_white_noise() -> None:
 
 
 IN_OTHER_TESTS = (
-    *("tared", "lever of all", "moment unit", "moment unit of all", "base axes of all", "turned", "exchanged"),
-    "tilted",
+    *("offset", "tared", "drift", "lever", "lever of all", "scale", "moment unit", "moment unit of all"),
+    *("base axes", "base axes of all", "turned", "exchanged", "wrench clock", "wrench clock of all", "clock"),
+    *("compensated", "tilted", "inverse of all", "length scale"),
 )
 """Faults that other tests of recordings by poses name, and that take long."""
 
