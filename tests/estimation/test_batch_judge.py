@@ -234,7 +234,7 @@ def test_a_grip_that_gives_neither_slips_nor_stretches() -> None:
         assert verdict.cause not in ("slip", "length scale")
 
 
-@pytest.mark.parametrize("factor", [0.1, 0.995, 1.03, 2.54])
+@pytest.mark.parametrize("factor", [0.1, 0.995, 1.03])
 def test_lengths_of_one_robot_are_compared_with_the_others(factor: float) -> None:
     def stretched(pose: Array, wrench: Array) -> tuple[Array, Array]:
         return pose * np.repeat([factor, 1.0], [3, 4]), wrench
