@@ -215,7 +215,7 @@ def test_a_faulty_force_sensor_is_noticed_even_if_poses_are_unknown() -> None:
 
 def test_constant_offsets_of_force_and_torque_sensors_are_estimated_along() -> None:
     offset = SensorTolerance(force_offset=1.2, torque_offset=0.06)
-    base = scenario(duration=10.0)
+    base = scenario(duration=7.0)
     told = msgspec.structs.replace(base, sensors=msgspec.structs.replace(base.sensors, tolerance=offset))
     aware = run_with_faults(told)
     assert_sure_and_right(aware)
@@ -231,7 +231,7 @@ def test_constant_offsets_of_force_and_torque_sensors_are_estimated_along() -> N
 def test_scales_mountings_and_offsets_of_all_sensors_are_estimated_along() -> None:
     """The sensors of ``real3``; a load is dropped at 6 s."""
     sensors = load_scenario("real3").sensors
-    told = scenario(duration=12.0, load_changes=(DROPPED,), sensors=sensors)
+    told = scenario(duration=9.0, load_changes=(DROPPED,), sensors=sensors)
     recording = run_with_faults(told)
     assert_sure_and_right(recording)
     assert_possible(recording)
@@ -239,7 +239,7 @@ def test_scales_mountings_and_offsets_of_all_sensors_are_estimated_along() -> No
 
 
 def test_forgetting_recovers_from_a_change_too() -> None:
-    recording = run_with_faults(scenario(duration=12.0, load_changes=(DROPPED,), efficient=with_settings(memory=1.0)))
+    recording = run_with_faults(scenario(duration=9.0, load_changes=(DROPPED,), efficient=with_settings(memory=1.0)))
     assert_possible(recording)
     last = recording.last()
     for name, report in recording.judged(DROPPED.at).items():
@@ -253,7 +253,7 @@ def test_forgetting_recovers_from_a_change_too() -> None:
 
 @pytest.mark.parametrize(
     "what",
-    [scenario(duration=9.0), pair(duration=9.0), random_graph(duration=7.0)],
+    [scenario(duration=7.0), pair(duration=7.0), random_graph(duration=6.0)],
     ids=["ring", "pair", "random graph"],
 )
 def test_unusable_blocks_cost_nothing_but_themselves(what: Scenario) -> None:
@@ -267,7 +267,7 @@ def test_unusable_blocks_cost_nothing_but_themselves(what: Scenario) -> None:
 @pytest.mark.parametrize("silent", [range(60, 61), range(1, 400, 17), range(200, 203)], ids=["one", "often", "three"])
 def test_silent_blocks_are_survived(silent: range) -> None:
     """In some blocks no message arrives anywhere."""
-    recording = run_with_faults(scenario("line4", duration=9.0), arrives=lambda block, to, sender: block not in silent)
+    recording = run_with_faults(scenario("line4", duration=7.0), arrives=lambda block, to, sender: block not in silent)
     assert_sure_and_right(recording)
     assert set(map(tuple, changes(recording).values())) == {()}
 
@@ -292,10 +292,10 @@ def test_messages_lost_here_and_there_do_not_drive_robots_apart(seed: int) -> No
     rng = np.random.default_rng(seed)
     lost = rng.random((600, 4, 4)) < 0.02
     recording = run_with_faults(
-        scenario("line4", duration=12.0),
+        scenario("line4", duration=8.0),
         arrives=lambda block, to, sender: not lost[block, int(to[1:]) - 1, int(sender[1:]) - 1],
     )
-    assert_good(recording.judged(12.0), inertia_pct=5.0)
+    assert_good(recording.judged(8.0), inertia_pct=5.0)
     heard_alike(recording, rtol=1e-3, pose_tolerance=1e-3)  # some are a fit ahead of others
     assert set(map(tuple, changes(recording).values())) == {()}
 

@@ -170,7 +170,7 @@ def _nees(errors: Array, covariances: Array) -> float:
 def test_unequal_robots_are_as_sure_as_they_may_be() -> None:
     every, largest = [], 0.0
     for seed in range(21, 24):
-        shipped = load_scenario("real3", ["duration=10", "load_changes=[]", f"seed={seed}"])
+        shipped = load_scenario("real3", ["duration=7", "load_changes=[]", f"seed={seed}"])
         scenario = msgspec.structs.replace(shipped, sensors=msgspec.structs.replace(shipped.sensors, of=UNEQUAL))
         nees, sizes, _ = outcome(scenario, scenario)
         every.append(nees)

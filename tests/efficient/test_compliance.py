@@ -44,8 +44,8 @@ def estimates(chosen: Scenario) -> Iterator[tuple[Estimate, bool]]:
 
 def test_robots_that_are_told_of_it_are_right_and_others_are_not() -> None:
     for told, expected in ((GIVES, True), (0.0, False)):
-        found = [is_right for said, is_right in estimates(scenario(told, 11.0)) if said.time > 5.0]
-        assert len(found) > 150
+        found = [is_right for said, is_right in estimates(scenario(told, 8.0)) if said.time > 5.0]
+        assert len(found) > 80
         assert (sum(found) / len(found) > 0.99) if expected else (sum(found) / len(found) < 0.05)
 
 

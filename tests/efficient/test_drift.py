@@ -34,7 +34,7 @@ def test_forces_that_wander_far_are_not_taken_for_another_load() -> None:
 
 @pytest.mark.slow
 def test_what_wanders_is_no_contradiction() -> None:
-    found = estimates(SensorDrift(force=0.3, acceleration=0.02), 602, 40.0)
+    found = estimates(SensorDrift(force=0.3, acceleration=0.02), 602, 25.0)
     assert found[-1].load_changes == []
     late = [estimate.status == "valid" for estimate in found if estimate.time > 5.0]
     assert sum(late) / len(late) > 0.95
