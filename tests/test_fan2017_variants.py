@@ -18,7 +18,7 @@ from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Graph
 from tests.in_process import Recording, assert_good, changed, run_with_faults
 
-DURATION = 10.0
+DURATION = 8.0
 
 
 def run(settings: Fan2017Settings) -> Recording:
