@@ -87,7 +87,7 @@ def test_only_noise_keeps_inertias_from_being_exact() -> None:
     exact = EncoderErrors(angle_bits=32, position_step=1e-12, vibration_deg=0.0, vibration_mm=0.0)
     noise = msgspec.structs.replace(scenario.sensors.noise, force=1e-9)
     sensors = msgspec.structs.replace(scenario.sensors, encoders=exact, noise=noise)
-    recording = record(msgspec.structs.replace(scenario, sensors=sensors))
+    recording = record(msgspec.structs.replace(scenario, sensors=sensors, duration=90.0))
     errors = errors_of(recording, identify(recording, Options(method="pose")))
     assert np.abs(errors[8:]).max() < 0.04
     assert errors[7] < 0.02
