@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -14,6 +15,9 @@ import msgspec
 
 from coheft.app.cli.main import run_command_line
 from coheft.app.run.folder import RUN_FILE, RunFile
+from coheft.app.run.observer import ask_run
+from coheft.errors import CoheftError
+from coheft.wire.messages.requests import StatusRequest
 from tests.waiting import LIMIT, wait_until
 
 
@@ -39,8 +43,23 @@ class Run:
         self.pids: dict[str, int] = {}
 
     def wait_until_under_way(self) -> None:
-        """Wait for the first line about simulated time, and learn who is who."""
-        wait_until(lambda: " s of " in self.text or self.supervisor.poll() is not None, "the run to be under way")
+        """Wait until blocks go by, and learn who is who."""
+        self._wait_until(self._has_begun)
+
+    def wait_for_results(self) -> None:
+        """Wait for the first line about simulated time, after 5 s of it, and learn who is who."""
+        self._wait_until(lambda: " s of " in self.text)
+
+    def _has_begun(self) -> bool:
+        if not (self.folder / RUN_FILE).exists():
+            return False
+        try:
+            return ask_run(StatusRequest(), self.folder).block > 0
+        except CoheftError:  # it does not answer yet
+            return False
+
+    def _wait_until(self, condition: Callable[[], bool]) -> None:
+        wait_until(lambda: self.supervisor.poll() is not None or condition(), "the run to be under way")
         assert self.supervisor.poll() is None, self.text
         self.read_pids()
         assert all(alive(pid) for pid in self.pids.values())

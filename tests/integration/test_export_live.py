@@ -12,7 +12,7 @@ from tests.waiting import wait_until
 
 def test_a_run_that_goes_on_tells_the_load(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000", "--change", "t=9999,mass=1")
-    run.wait_until_under_way()
+    run.wait_for_results()
     wait_until(lambda: "3 converged" in run.text, "all robots to know the load")
     status, text = run.ask("export", "--as", "ur", "--robot", "r2")
     assert status == 0, text

@@ -96,7 +96,7 @@ def test_a_run_that_is_killed_leaves_all_but_its_last_second(start: Callable[...
     """Nothing happens while the run is paused, so a second later all that was heard must be on its way to the disk."""
     path, scratch = tmp_path / "run.mcap", tmp_path / "scratch.mcap"
     run = start("--duration", "10000", "--record", str(path))
-    run.wait_until_under_way()
+    run.wait_for_results()
     status, text = run.ask("pause")
     assert status == 0, text
     paused_at = float(text.split("paused at ")[1].split(" s")[0])

@@ -135,7 +135,7 @@ def test_ctrl_c_ends_a_run_with_its_results_so_far(start: Callable[..., Run], tm
     data, report, recording = tmp_path / "data.npz", tmp_path / "report.json", tmp_path / "run.mcap"
     outputs = ("--save-data", str(data), "--json", str(report), "--record", str(recording))
     run = start("--duration", "10000", *outputs)
-    run.wait_until_under_way()
+    run.wait_for_results()
     os.killpg(run.supervisor.pid, signal.SIGINT)
     assert run.wait() == 130, run.text
     assert run.left() == []

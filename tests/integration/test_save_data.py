@@ -23,7 +23,7 @@ def test_data_that_cannot_be_written_do_not_take_the_report_with_them(tmp_path: 
     asked = ("--json", str(report), "--save-data", str(place / "run.npz"))
     run = Run(tmp_path / "logs", "ring3", "--duration", "10000", *asked)
     try:
-        run.wait_until_under_way()
+        run.wait_for_results()
         assert "which requires that all robots hold the payload" in run.ask("release", "r1")[1]
         place.rmdir()
         assert run.ask("stop")[0] == 0
