@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX"
 def test_time_stands_still_while_the_supervisor_is_stopped(start: Callable[..., Run], tmp_path: Path) -> None:
     """As after Ctrl-Z, and for longer than the run would take."""
     report = tmp_path / "report.json"
-    run = start("--duration", "30", "--change", "t=12,mass=2,at=0.2,0.1,0.08", "--json", str(report))
+    run = start("--duration", "14", "--change", "t=8,mass=2,at=0.2,0.1,0.08", "--json", str(report))
     run.wait_until_under_way()
     log = run.folder / "server.log"
     os.kill(run.supervisor.pid, signal.SIGSTOP)
@@ -42,7 +42,7 @@ def test_time_stands_still_while_the_supervisor_is_stopped(start: Callable[..., 
     assert "this process was stopped for" in run.text
     found = json.loads(report.read_text())
     assert all(robot["converged"] for robot in found["robots"].values())
-    assert found["load_changes"][0]["detected_at_s"] == pytest.approx(12.0, abs=1.0)
+    assert found["load_changes"][0]["detected_at_s"] == pytest.approx(8.0, abs=1.0)
 
 
 def test_an_operator_can_pause_a_run_whose_supervisor_goes_on_again(start: Callable[..., Run]) -> None:
@@ -91,7 +91,7 @@ def test_runs_in_progress_are_listed_and_none_is_stopped(
 
 
 def test_agents_that_are_killed_before_the_clock_starts_are_started_again(start: Callable[..., Run]) -> None:
-    run = start("--duration", "10")
+    run = start("--duration", "5")
     wait_until((run.folder / RUN_FILE).exists, "the processes")
     for name in ("r1", "r2"):
         os.kill(run.read_pids()[name], signal.SIGKILL)
