@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -17,6 +19,7 @@ from coheft.app.results.record import Record
 from coheft.app.run.news import News, check_news
 from coheft.app.terminal.final_table import print_report
 from coheft.app.terminal.screen import LineDisplay, LiveDisplay
+from coheft.app.versions import versions
 from coheft.errors import MessageError
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Message, Problem, Validity
@@ -43,6 +46,14 @@ SOUND: list[Message] = [
         reasons=["r2 is silent"],
     ),
 ]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def versions_once() -> Iterator[None]:
+    """Looked up for every recording, they take a sixth of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coheft.app.recording.writer.versions", cache(versions))
+        yield
 
 
 def record_of_a_run() -> Record:
