@@ -20,7 +20,9 @@ from tests.test_side_by_side import BOTH, SECONDS, assert_same
 
 
 @pytest.mark.slow
-def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path: Path) -> None:
+def test_processes_and_their_recording_give_the_numbers_of_one_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file, path = tmp_path / "run.json", tmp_path / "run.mcap"
     command = [
         sys.executable, "-m", "coheft", "run", "ring3", "--quiet", "--estimator", BOTH, "--duration", str(SECONDS),
@@ -45,6 +47,7 @@ def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path:
         masses = {name: robot.mass.estimate for name, robot in found.robots.items()}
         assert masses == {name: robot["mass"]["estimate"] for name, robot in shown["robots"].items()}
     pytest.importorskip("matplotlib")
+    monkeypatch.setattr("coheft.app.run_report.folder.pictures_of", lambda series, report: [])  # takes most of the time
     page = report_recording(path, tmp_path / "page").read_text(encoding="utf-8")
     assert "estimator efficient, beside it fan2017" in page
     assert "<td>fan2017</td>" in page

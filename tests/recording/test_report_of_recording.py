@@ -43,8 +43,8 @@ def test_it_says_nothing_about_time_on_the_wall(made: Path) -> None:
     assert "real time</p>" not in page
 
 
-@pytest.mark.slow
 def test_it_tells_how_the_load_was_carried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("coheft.app.run_report.folder.pictures_of", lambda series, report: [])  # takes most of the time
     monkeypatch.setattr(runs, "SCENARIO", msgspec.structs.replace(runs.SCENARIO, carry=Carry(start=0.1)))
     recording = record(tmp_path / "run.mcap", news_of_a_run())
     page = report_recording(recording, tmp_path / "report")
