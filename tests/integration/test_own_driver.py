@@ -31,7 +31,7 @@ from .team import wait_until
 ROOT = Path(__file__).parents[2]
 DRIVER = ROOT / "examples" / "own_driver.py"
 LIMIT = 90.0
-DURATION = 6.0
+DURATION = 4.0
 
 
 def recorded(folder: Path, duration: float) -> Path:

@@ -32,7 +32,7 @@ def in_processes(estimator: str, compliance: float, folder: Path) -> dict[str, o
     report = folder / "report.json"
     command = [
         sys.executable, "-m", "coheft", "run", "ring3", "--quiet", "--history", "--json", str(report),
-        "--estimator", estimator, "--duration", "7", "--seed", "5", "--change", "t=5,mass=2,at=0.2,0.1,0.08",
+        "--estimator", estimator, "--duration", "5", "--seed", "5", "--change", "t=3.5,mass=2,at=0.2,0.1,0.08",
         "--logs", str(folder / "logs"), "--set", f"sensors.tolerance.grasp_compliance={compliance}",
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
@@ -74,9 +74,9 @@ def test_the_same_numbers_in_one_process_and_in_many(estimator: str, compliance:
         shipped,
         sensors=msgspec.structs.replace(shipped.sensors, tolerance=SensorTolerance(grasp_compliance=compliance)),
         estimator=estimator,
-        duration=7.0,
+        duration=5.0,
         seed=5,
-        load_changes=(LoadChange(at=5.0, mass=2.0, position=(0.2, 0.1, 0.08)),),
+        load_changes=(LoadChange(at=3.5, mass=2.0, position=(0.2, 0.1, 0.08)),),
     )
     one, many = in_one_process(scenario, run_in_process(scenario)), in_processes(estimator, compliance, tmp_path)
     for key in ("robots", "history", "load_changes", "consensus"):
