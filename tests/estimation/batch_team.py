@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -109,6 +110,7 @@ HELD_NOISE = (1e-4, 2e-4, 0.2, 0.02)
 """Of positions [m], turns [rad], forces [N] and moments [N·m], per sample."""
 
 
+@cache
 def held_recording(
     seed: int,
     count: int = 3,
@@ -119,7 +121,7 @@ def held_recording(
     turns: tuple[float, float, float] = (1.0, 1.0, 1.0),
     shifts: float = 1.0,
 ) -> Recording:
-    """Poses and wrenches, with noise, of robots that swing a load and push against each other.
+    """Poses and wrenches, with noise, of robots that swing a load and push against each other; not to be changed.
 
     Args:
         seed: Of noise, motion and pushes.
