@@ -36,7 +36,7 @@ def test_it_is_known_of_all_estimators_what_they_send() -> None:
 
 @pytest.mark.parametrize("name", ["line4", "ring6"])
 def test_rows_of_all_robots_and_what_a_newcomer_is_told_fit(name: str) -> None:
-    scenario = changed(name, load_changes=(), duration=4.0)
+    scenario = changed(name, load_changes=(), duration=3.0)
     again = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(Crash(robot="r1", start=2.0, end=2.4),)))
     found = max(len(encode(outbox.message, "key")) for block in again for outbox in block.outboxes.values())
     assert 0.3 * ARRAYS["efficient"](scenario) < found <= largest_message(scenario)
