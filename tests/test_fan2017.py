@@ -204,7 +204,7 @@ PAYLOADS = sorted(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PAYLOADS)
 def test_every_payload_scenario_runs_with_it(name: str) -> None:
-    scenario = fan2017(name, duration=6.0)
+    scenario = fan2017(name, duration=5.0)
     is_exact = scenario.sensors.tolerance == SensorTolerance()
     recording = run_with_faults(scenario)
     assert set(recording.estimates) == set(scenario.robot_names)
