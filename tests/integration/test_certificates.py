@@ -104,7 +104,7 @@ def test_without_a_valid_certificate_no_one_is_dialled(secure, tmp_path, certifi
 
 def test_a_link_does_not_outlive_its_certificate(secure, tmp_path):
     with victim(secure, "neighbour plane of r1") as (endpoint, session):
-        authority_in(secure.keys).issue(tmp_path, "r2", lifetime=timedelta(seconds=5))
+        authority_in(secure.keys).issue(tmp_path, "r2", lifetime=timedelta(seconds=8))
         with raw_session([endpoint], tls=tls_settings(_with_authority_of(tmp_path, secure.credentials("r2")))):
             assert len(session.info.links()) == 1
             wait_until(lambda: session.info.links() == [], "the end of the certificate")
