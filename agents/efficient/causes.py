@@ -75,9 +75,9 @@ class Causes:
         return None if theta is None else LoadDrift.of(changes, theta[0], newest, self._rows.drifting)
 
     def start_over(self) -> None:
-        """Leave the changes so far out of drifts, and stop to compare with what was known before a gap."""
+        """Leave the changes so far out of drifts, and stop to compare with what was known before a gap or a slip."""
         self._forgotten = len(self.changes)
-        if self._suspicion is not None and self._suspicion.is_expected:
+        if self._suspicion is not None and (self._suspicion.is_expected or self._suspicion.favours_change):
             self._suspicion = None
 
     def suspect(self, known: Knowledge, index: int, newest: int, state: State, unnoticed: UnnoticedStep) -> None:
@@ -102,7 +102,7 @@ class Causes:
             self._suspicion = Suspicion.of_change(
                 known, index, newest, len(self.changes), state, changes, self._rows.telling_apart
             )
-        elif self._suspicion.is_expected and state is State.LOAD_OR_SLIP:
+        elif state is State.LOAD_OR_SLIP:
             self._suspicion.notice_load()
 
     def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:

@@ -189,6 +189,8 @@ class Session:
         known.fit()
         self._detector.take_back()
         self._detector.confirm(since=number)
+        if (index := known.pose_step()) is not None:
+            self._suspect(index, State.POSE_CHANGED)
 
     def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""

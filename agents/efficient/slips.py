@@ -77,7 +77,9 @@ class State(Enum):
     """What is known of a change whose cause is not."""
 
     CONTRADICTION = "motions contradict each other: a grasp has slipped, or a sensor is faulty"
-    POSE_CHANGED = "newest rows show another pose of a grasp: it has slipped, or a sensor is faulty"
+    POSE_CHANGED = (
+        "newest rows show another pose of a grasp: it has slipped, the load has shifted, or a sensor is faulty"
+    )
     LOAD_OR_SLIP = "wrenches differ: the load has changed, or a grasp has slipped"
     AFTER_GAP = "rows were missing: the load may have changed, a grasp may have slipped, or both"
     EXPECTED_LOAD = "a change was expected, and wrenches differ"
@@ -169,8 +171,11 @@ class Suspicion:
         return not self.is_expected or self.is_load or self.favours_change
 
     def notice_load(self) -> None:
-        """Process that it looks like a load change now, as was expected."""
-        self._state, self._rests = State.EXPECTED_LOAD, False
+        """Process that it looks like a load change now; one that shifts the load may have shown as another pose."""
+        if self.is_expected:
+            self._state, self._rests = State.EXPECTED_LOAD, False
+        elif self._state is State.POSE_CHANGED:
+            self._state, self.favours_change = State.LOAD_OR_SLIP, False
 
     def notice_pose(self) -> None:
         """Process that newest rows show another pose: a load that has changed does not explain that."""

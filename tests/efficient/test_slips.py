@@ -10,10 +10,11 @@ import pytest
 from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.slips import State
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.state_before_change import StateBeforeChange
 from coheft.agents.efficient.unnoticed import Unnoticed
-from coheft.estimation.geometry.spatial import Pose, rotation_exp
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit_settings import FitSettings
@@ -102,6 +103,56 @@ def test_a_slip_that_is_hidden_in_fits_is_found_nevertheless(seed: int) -> None:
             errors.append(largest_error(found, poses))
     assert len(errors) > 40
     assert max(errors) < 5.0
+
+
+def test_it_is_looked_for_again_when_rows_are_taken_back() -> None:
+    poses, found = slipped_poses(3.0, 0.2, 1, 5), session()
+    rows = [made_up_rows(80, seed=5), made_up_rows(160, first=80, seed=5, poses=poses)]
+    for number, row in enumerate(np.concatenate(rows)):
+        found.take(number, row)
+        if found.causes.is_open:
+            break
+    assert largest_error(found, poses) > 5.0
+    found.take_back(number)
+    assert not is_valid(found)
+    assert found.causes.is_open
+
+
+def shifted(by: float, axis: int) -> Array:
+    """Rows over a part of the load of 2 kg that shifts so far along an axis [m]: at first, that looks like a slip."""
+    there = np.array([-0.35, -0.25, 0.02])
+    load = LOAD + 2.0 * (point_mass(there + by * np.eye(3)[axis]) - point_mass(there))
+    return np.concatenate([made_up_rows(200), made_up_rows(250, load=load, first=200)])
+
+
+def test_robots_start_over_once_although_a_pose_had_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, again = session(), list[int]()
+    for number, row in enumerate(shifted(0.005, 2)):
+        found.take(number, row)
+        if found.causes.is_open and not again:
+            again.append(number)
+            found._start_over()
+            monkeypatch.setattr(Session, "_start_over", lambda self: again.append(-1))
+    assert len(again) == 1
+    assert is_valid(found)
+    assert largest_error(found, POSES) < 5.0
+
+
+def test_a_shift_of_the_load_that_shows_as_another_pose_is_no_reason_to_start_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    noticed = list[State]()
+    suspect = Session._suspect
+    monkeypatch.setattr(
+        Session, "_suspect", lambda self, index, state: (noticed.append(state), suspect(self, index, state))[1]
+    )
+    monkeypatch.setattr(Session, "_start_over", lambda self: pytest.fail("all was forgotten"))
+    found = fed(shifted(0.006, 0))
+    assert noticed[:1] == [State.POSE_CHANGED]
+    assert State.LOAD_OR_SLIP in noticed
+    assert found.causes.slips == []
+    assert len(found.causes.certain_changes) == 1
+    assert is_valid(found)
 
 
 def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:

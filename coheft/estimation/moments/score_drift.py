@@ -4,8 +4,8 @@
 
 over ``n`` rows, with a random walk ``b`` whose steps have the covariance ``Q``, the sum ``A_t`` of the derivatives
 ``J`` of those of the newest rows that follow step ``t``, and ``A`` that of all newest rows. The mean of ``b`` is among
-the unknowns of a fit. Derivatives of a robot's own motion sensors and of the total wrench count; that other robots'
-readings depend on its pose as well, through the fused motion, is left out.
+the unknowns of a fit. Derivatives of a robot's own motion sensors and of the total wrench count; what the drift of the
+fused motion adds to the other robots' residuals and to that of the wrench is left out.
 """
 
 from __future__ import annotations
@@ -41,12 +41,15 @@ class ScoreDrift:
         of_motion = np.einsum("iacf,tf->itca", weighted, psi)
         wrench, root = wrench_derivatives(body, motion), whitening(body)
         of_load = every[buffer.start :]  # wrenches before are of another load
-        own = of_load[:, wrench_indices(count, body.unknowns.errors)].reshape(len(of_load), count, -1)
+        own = of_load[:, wrench_indices(count, body.unknowns.errors)].reshape(
+            len(of_load), count, wrench.local.shape[3]
+        )
         of_wrench = np.zeros((count, len(every), 6, POSE_SIZE))
         of_wrench[:, buffer.start :] = np.einsum("iacw,tiw->itca", wrench.local[:, :POSE_SIZE], own)
         common = wrench.common[body.unknowns.poses]
         of_wrench[:, buffer.start :] += np.einsum("iacf,tf->itca", common, psi[buffer.start :])
         self._derivatives = np.concatenate([of_motion, of_wrench], axis=2)  # (N, n, 12, 6)
+        self._periods = np.diff(buffer.numbers[: buffer.count], prepend=buffer.numbers[0] - 1)  # rows may be missing
         self._steps = np.zeros((count, 12, 12))
         kinematics = settings.drifted_kinematics(settings.period)[:, _DRIFTING]
         self._steps[:, range(6), range(6)] = kinematics
@@ -60,5 +63,6 @@ class ScoreDrift:
         following[first:] = np.cumsum(derivatives[first:][::-1], axis=0)[::-1]
         following[:first] = following[first]
         following -= following[0] * ((number - np.arange(number)) / number)[:, None, None]
-        result: Array = np.einsum("tca,cd,tdb->ab", following, self._steps[robot], following, optimize=True)
+        steps = self._periods[:, None, None] * following
+        result: Array = np.einsum("tca,cd,tdb->ab", steps, self._steps[robot], following, optimize=True)
         return result
