@@ -53,3 +53,12 @@ def test_wrenches_of_an_earlier_load_have_no_part() -> None:
     every = ScoreDrift(body, buffer, settings).covariance(40, ROBOT)
     buffer.begin_load(NUMBER - 1)
     assert np.trace(ScoreDrift(body, buffer, settings).covariance(40, ROBOT)) < 0.1 * np.trace(every)
+
+
+def test_sensors_drift_while_rows_are_missing() -> None:
+    settings, team = FitSettings(NOISE, PERIOD, drift=SensorDrift(acceleration=0.1)), make_team(3, number=NUMBER)
+    body, buffer = settings.body(team.state()), buffer_of(team.rows, settings, 3)
+    all_rows = ScoreDrift(body, buffer, settings).covariance(40, ROBOT)
+    buffer.numbers[:NUMBER] = 2 * np.arange(NUMBER)
+    every_other_row = ScoreDrift(body, buffer, settings).covariance(40, ROBOT)
+    np.testing.assert_allclose(every_other_row, 2.0 * all_rows, rtol=1e-9, atol=1e-9 * np.abs(all_rows).max())
