@@ -44,6 +44,22 @@ def test_a_killed_worker_is_an_error_in_words() -> None:
         list(side_by_side(kill_this_process, ((number,) for number in range(4))))
 
 
+INTERRUPTED = """
+from joblib.externals.loky.backend import resource_tracker
+from coheft.app.run.parallel import side_by_side, workers
+with workers(2):
+    results = side_by_side(pow, ((1, 1) for _ in range(100)))
+    next(results)
+    resource_tracker.register("/that-is-gone", "semlock")
+del results
+"""
+
+
+def test_joblib_says_nothing_beside_the_words_of_an_interrupted_command() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
 ONE_CORE = """
 import os
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})

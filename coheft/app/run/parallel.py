@@ -1,7 +1,9 @@
 """Parallel calls of a function: in processes on all cores, or on a cluster."""
 
 import signal
-from collections.abc import Callable, Iterable, Iterator
+import sys
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -11,6 +13,9 @@ from coheft.errors import CoheftError, MissingPackageError
 from coheft.wire.process.memory import reuse_memory
 
 T = TypeVar("T")
+
+_TRACKER = "ignore:resource_tracker"
+"""Joblib's process that removes what an interrupted command left would list it among the command's own words."""
 
 
 def usual_jobs() -> int:
@@ -36,14 +41,17 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
     if dask is None:
         # Threads only slow down linear algebra with small matrices.
         settings = {"inner_max_num_threads": 1, "initializer": _begin_worker}
-        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), **settings):
-            try:
+        sys.warnoptions.append(_TRACKER)  # new processes of Python begin with these options
+        try:
+            with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), **settings):
                 yield
-            except BrokenProcessPool as error:
-                raise CoheftError(
-                    "a process that did part of the work was killed, possibly because memory ran out: "
-                    "use fewer processes, with --jobs"
-                ) from error
+        except BrokenProcessPool as error:
+            raise CoheftError(
+                "a process that did part of the work was killed, possibly because memory ran out: "
+                "use fewer processes, with --jobs"
+            ) from error
+        finally:
+            sys.warnoptions.remove(_TRACKER)
         return
     try:
         from distributed import Client
@@ -68,5 +76,11 @@ def side_by_side(function: Callable[..., T], arguments: Iterable[tuple[Any, ...]
     import joblib
 
     parallel = joblib.Parallel(return_as="generator_unordered")
-    results: Iterator[T] = parallel(joblib.delayed(function)(*each) for each in arguments)
-    return results
+    results: Generator[T, None, None] = parallel(joblib.delayed(function)(*each) for each in arguments)
+    try:
+        for result in results:  # noqa: UP028  "yield from" would close them before warnings are filtered
+            yield result
+    finally:
+        with warnings.catch_warnings():  # that an interrupted command leaves results unused
+            warnings.simplefilter("ignore")
+            results.close()
