@@ -9,6 +9,8 @@ from coheft.agents.efficient.settings import Guards, RowCounts
 
 _SURPRISES = 2
 """So many surprising rows in succession start a look."""
+_LOOKS = 4
+"""While the newest rows together show another mass, so many looks are started in the time over which they do."""
 
 
 class ChangeTestSchedule:
@@ -35,6 +37,7 @@ class ChangeTestSchedule:
         """Forget all reasons to look: what they pointed to has been found."""
         self._surprises, self._closely_until = 0, -1
         self._masses.clear()
+        self._rests = 0  # so many rows have to come before the mass starts another look
 
     def is_paused(self, number: int) -> bool:
         """Whether a look is of no use yet at this row."""
@@ -63,10 +66,11 @@ class ChangeTestSchedule:
         return is_urgent or number % self._rows.turn == self._slot
 
     def _shows_another_mass(self, residual: float) -> bool:
-        """Whether the newest rows together show another mass; the next time, other rows have to."""
+        """Whether the newest rows together show another mass, and have not started a look shortly before."""
         masses = self._masses
         masses.append(residual)
-        shows = len(masses) == masses.maxlen and sum(masses) ** 2 > self._least_sum
+        self._rests = max(0, self._rests - 1)
+        shows = self._rests == 0 and len(masses) == masses.maxlen and sum(masses) ** 2 > self._least_sum
         if shows:
-            masses.clear()
+            self._rests = max(1, self._rows.shortest // _LOOKS)
         return shows

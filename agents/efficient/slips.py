@@ -116,7 +116,7 @@ class Suspicion:
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self._state = noticed, changes, state
         self._began_after_gap = state is State.AFTER_GAP
-        self._contradicts = self.favours_change = state is State.POSE_CHANGED
+        self._contradicts, self.favours_change = False, state is State.POSE_CHANGED
         self._oldest = -1  # rows before this number are of another load
         self._rests = False  # if it rests, nothing is compared until motions contradict each other
 
@@ -177,14 +177,8 @@ class Suspicion:
         elif self._state is State.POSE_CHANGED:
             self._state, self.favours_change = State.LOAD_OR_SLIP, False
 
-    def notice_pose(self) -> None:
-        """Process that newest rows show another pose: a load that has changed does not explain that."""
-        if self._state is State.CONTRADICTION:
-            self._state = State.POSE_CHANGED
-        self._contradicts, self._rests, self.favours_change = True, False, True
-
     def notice_contradiction(self) -> None:
-        """Process that motions contradict each other: a load that has changed does not explain that."""
+        """Process that motions contradict each other, or newest rows show another pose: no other load explains that."""
         self._contradicts, self._rests = True, False
 
     def contradiction_ends(self, number: int) -> None:

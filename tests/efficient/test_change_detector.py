@@ -32,7 +32,8 @@ def due(residuals: list[float]) -> list[int]:
 def test_a_look_is_due_when_the_newest_rows_together_show_another_mass() -> None:
     one_look = [ROWS.turn - 1]  # in turn
     assert due([0.5] * ROWS.turn) == one_look
-    assert due([1.0] * ROWS.turn) == [ROWS.shortest - 1, *one_look]
+    until_next = ROWS.shortest // 4
+    assert due([1.0] * ROWS.turn) == [*range(ROWS.shortest - 1, ROWS.turn - 1, until_next), *one_look]
     assert due([1.0, -1.0] * (ROWS.turn // 2)) == one_look
 
 

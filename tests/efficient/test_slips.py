@@ -155,6 +155,21 @@ def test_a_shift_of_the_load_that_shows_as_another_pose_is_no_reason_to_start_ov
     assert is_valid(found)
 
 
+def test_a_small_slip_soon_after_another_load_is_found() -> None:
+    """The load change is settled by then, so no causes are compared any more, until newest rows show another pose."""
+    heavier, poses = LOAD + 2.0 * point_mass(np.array([0.1, 0.2, 0.0])), slipped_poses(4.0, 0.2, 3, 3)
+    slips_at = BEFORE + 30
+    rows = [made_up_rows(BEFORE, seed=3), made_up_rows(30, heavier, BEFORE, 3)]
+    rows.append(made_up_rows(160, heavier, slips_at, 3, poses))
+    found, worst = session(), 0.0
+    for number, row in enumerate(np.concatenate(rows)):
+        found.take(number, row)
+        if number > slips_at + 75 and is_valid(found):
+            worst = max(worst, largest_error(found, poses, heavier[0]))
+    assert [slip.robot for slip in found.causes.slips] == [3]
+    assert worst < 5.0
+
+
 def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
     rows, _ = slipped(20.0, 1.0, 1, 3)
     found = fed(rows[: BEFORE + 40])
