@@ -131,7 +131,7 @@ class Acceptance:
                 self.tolerances.hold(known.age)
                 if not drifts and self.undeclared.test(known):
                     return Event.STARTED_OVER, end
-                stepped = None if self.undeclared.suspected is not None else known.pose_step()
+                stepped = known.pose_step()
                 return (Event.FITTED, end) if stepped is None else (Event.POSE_CHANGED, stepped)
 
     def accept(self) -> None:
