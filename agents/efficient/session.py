@@ -281,13 +281,14 @@ class Session:
 
     def _forget_load(self, index: int, event: Event, before: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""
-        if self._resets.forget_load(self._newest, self.stage is Stage.ESTIMATING):
+        was_known = self.stage is Stage.ESTIMATING
+        if self._resets.forget_load(self._newest, was_known):
             self._start_over()
             return
         if index < self._known.buffer.count:
             self.causes.load_begins(int(self._known.buffer.numbers[index]))
         self._gap.load_begins(self._known.buffer.number_at(index))
-        least = self._known.least * (1 + self._resets.is_troubled)
+        least = self._known.least * (1 if was_known else 2)  # else rows of a faulty sensor may be among them
         fitted = event is Event.LOAD_CHANGED and self.stage is not Stage.UNDECIDED  # else a sensor may have been off
         self._known.forget_load(before, index, fitted, least, self._detector.step)
         self.stage = STAGE_AFTER[event]

@@ -52,8 +52,8 @@ class Guards:
         growth: A new fit is due when the number of rows of the load has grown by this factor: deviations have then
             shrunk by 7 %.
         growth_of_many: The same if sensor errors are declared, or in large teams, where fits cost more.
-        first_rows: Time over which rows of a load are collected before it is fitted [s], twice as long if nothing is
-            known: enough rotation to show poses and faulty sensors.
+        first_rows: Time over which rows of a load are collected before it is fitted [s]: enough rotation to show faulty
+            sensors. Twice as long if poses have to show as well, or if the last load was forgotten before it was known.
         turn: Each robot tests for a load change once in this time, in turn with the others [s].
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row start a test.
         mass_surprise: Probability that the rows of the last ``shortest`` together show another mass without a change;
@@ -80,10 +80,10 @@ class Guards:
         fresh_change: Largest statistic of a change within the rows of a load that is fitted for the first time, over
             its threshold: some 1e-7 by chance.
         pose_step: Probability that a stretch of newest rows shows another pose of one grasp by chance.
-        calm: A load that is forgotten again sooner than this, or before it was known, needs twice as many rows [s]: a
-            sensor may be faulty from time to time, and rows may be of both kinds. A contradiction of the same robot
-            that returns sooner is still the same one.
-        restless: If loads have been forgotten that soon for so long, poses may be wrong, and the robot starts over [s].
+        calm: A load that is forgotten again sooner than this is restless, and a contradiction of the same robot that
+            returns sooner is still the same one [s].
+        restless: If loads have been forgotten that soon, or before they were known, for so long [s], poses may be
+            wrong, and the robot starts over.
         mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
         shortest: After so long, a step of the mass counts as long ago [s]: larger ones are noticed by then.
         small_step: Probability that one stretch of rows shows a small step of the mass by chance; a look tests some ten

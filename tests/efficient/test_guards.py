@@ -225,7 +225,7 @@ CASES = {
     "undeclared_lasts": Case(lambda: off(0, 400, 480, 2, A.start, 0.009), lambda _, then: then.valid[-1] == 479),
     "undeclared_doubt": Case(lambda: off(60, 250, 250, 2, FORCE.start, 0.24), lambda _, then: then.is_sure),
     "calm": Case(knocked, lambda _, then: then.valid[-1] > 270),
-    "drifting": Case(lambda: leaking(0.05)[0], lambda _, then: len(then.valid) > 340, lambda: leaking(0.05)[1]),
+    "drifting": Case(lambda: leaking(0.08)[0], lambda _, then: len(then.valid) > 340, lambda: leaking(0.08)[1]),
     "mistaken": Case(
         lambda: one_slipped(10.0, 0.0, 2, 2)[0], lambda session, _: [slip.robot for slip in session.causes.slips] == [2]
     ),

@@ -109,7 +109,12 @@ def fast() -> Leak:
     return Leak.of(0.1, count=500)
 
 
-@pytest.mark.parametrize("leak", [slow, fast])
+@cache
+def very_fast() -> Leak:
+    return Leak.of(0.2, count=500)
+
+
+@pytest.mark.parametrize("leak", [slow, fast, very_fast])
 def test_a_load_that_leaks_stays_known(leak: Callable[[], Leak]) -> None:
     found = follow(leak())
     assert found.valid > 0.95
@@ -139,18 +144,16 @@ def test_a_load_that_drifts_is_no_sensor_error(
     monkeypatch: pytest.MonkeyPatch, what: type, name: str, instead: object
 ) -> None:
     monkeypatch.setattr(what, name, instead)
-    assert follow(fast()).valid < 0.95
+    assert follow(Leak.of(0.05, count=500)).valid < 0.95
 
 
 def test_a_load_stays_known_if_it_drifts_faster_than_a_change_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    leak = Leak.of(0.11, count=500, axes=(0.0, 1.0, 0.0))
-    assert follow(leak).valid > 0.95
     monkeypatch.setattr(Session, "_drifts_on", lambda _: False)
-    assert follow(leak).valid < 0.8
+    assert follow(fast()).valid < 0.95
 
 
 def test_a_drift_goes_on_after_another_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    abrupt, load_drift = Leak.of(0.1, dropped_at=300), Causes.load_drift
+    abrupt, load_drift = Leak.of(0.13, dropped_at=300), Causes.load_drift
     right = follow(abrupt)
     monkeypatch.setattr(Causes, "load_drift", lambda self, *args: load_drift(_Newest(self), *args))
     assert right.off < 0.02 < follow(abrupt).off
@@ -198,7 +201,7 @@ def test_a_load_that_shifts_at_a_step_of_its_drift_has_changed_once() -> None:
 
 def test_an_offset_that_no_change_explains_is_no_step() -> None:
     rows = two_steps(70)
-    rows[120:, 2 * ROW_SIZE + FORCE.start] += 0.25
+    rows[125:, 2 * ROW_SIZE + FORCE.start] += 0.8
     assert len(after(rows).causes.changes) == 2
 
 

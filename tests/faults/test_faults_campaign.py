@@ -133,7 +133,7 @@ SHOWN_BY = {
     "rare-fits": draw_schedule(1062000043),
     "without-fresh-change": plain(4220, delayed=False),
     "without-tolerance": _LATE,
-    "without-restless": draw_schedule(1098942117),
+    "without-restless": draw_schedule(1026664730),
     "without-outdated": draw_schedule(1012287755),
     "without-doubted": draw_schedule(1012287842),
     "without-first-rows": plain(878, delayed=False),
@@ -144,7 +144,7 @@ WITHIN = {
     "endless-confirmation": 2.4,
     "rare-fits": 0.7,
     "without-tolerance": 1.5,
-    "without-restless": 4.5,
+    "without-restless": 6.4,
     "without-doubted": 3.5,
     "without-first-rows": 1.0,
 }
