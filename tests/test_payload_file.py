@@ -144,7 +144,11 @@ def test_a_mesh_is_filled_homogeneously(write, amount: str, tmp_path: Path) -> N
             "found '', but body 'part' has no such site; it has: grip1",
         ),
         (BODY.format("") + '<site name="grip1"/>', 'sites = ["grip1"]', "no such site; it has: none"),
-        (BODY.format('<site name="grip1"/>'), 'sites = ["grip1"]', "found 1 grasp, expected at least 2"),
+        (
+            BODY.format('<site name="grip1"/>'),
+            'sites = ["grip1"]',
+            "key 'robots.sites': found 'grip1' alone, expected at least 2: each robot grasps one",
+        ),
     ],
 )
 def test_models_that_cannot_be_carried(bodies: str, robots: str, expected: str, tmp_path: Path) -> None:

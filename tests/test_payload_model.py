@@ -151,6 +151,21 @@ def test_shapes_that_overlap_are_remarked(tmp_path: Path, caplog: pytest.LogCapt
     assert caplog.text == ""
 
 
+@pytest.mark.parametrize("ends", ['body1="b" body2="tool"', 'site1="on tool" site2="on b"'])
+def test_bodies_that_are_welded_to_it_are_remarked(ends: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    tool, held = (f'<freejoint/>{PLATE}<site name="on {name}"/>' for name in ("tool", "b"))
+    bodies = world(f'<body name="tool" pos="0 0 .1">{tool}</body><body name="b">{held}</body>')
+    model = bodies.replace("</mujoco>", f"<equality><weld {ends}/></equality></mujoco>")
+    scenario = load(tmp_path, model, more='payload.body = "b"')
+    assert scenario.payload.inertia().mass == pytest.approx(PLATE_MASS)
+    assert "an equality constraint welds body 'tool' to it, which is left out" in caplog.text
+    caplog.clear()
+    load(tmp_path, model.replace(ends, 'body1="b"'), more='payload.body = "b"')  # to the world
+    hinge = model.replace(f"weld {ends}", 'connect body1="b" body2="tool" anchor="0 0 0"')
+    load(tmp_path, hinge, more='payload.body = "b"')
+    assert caplog.text == ""
+
+
 @pytest.mark.parametrize(
     ("faces", "words"),
     [(slice(1, None), "its surface is not closed: 3 edges"), (slice(None, None, -1), "its surface is inside out")],

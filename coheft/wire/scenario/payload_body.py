@@ -125,7 +125,7 @@ class HeldBody:
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
         """Return sites that are fixed to it, as grasps in its frame.
 
-        A site that is not there, named twice, or far outside of the body is a ``ScenarioError``.
+        A site that is not there, named twice, the only one, or far outside of the body is a ``ScenarioError``.
         """
         model, placed = self.model.compiled, _placed(self.model.compiled)
         named = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
@@ -142,6 +142,8 @@ class HeldBody:
             if complaint := extent.complaint(pose.translation):
                 refuse_scenario(place, f"site {name!r} {complaint}")
             grasps.append(Grasp(vector_of(pose.translation), vector_of(np.degrees(rotation_log(pose.rotation)))))
+        if len(names) == 1:
+            refuse_scenario(place, f"found {names[0]!r} alone, expected at least 2: each robot grasps one")
         return tuple(grasps)
 
     def remark_doubts(self, place: str, whole: Inertia) -> None:
@@ -167,7 +169,24 @@ class HeldBody:
                 f"collide with nothing (contype and conaffinity 0); if they are there for their looks only, give them "
                 f"mass = 0"
             )
+        self._remark_welds(place)
         self._remark_shapes(place)
+
+    def _remark_welds(self, place: str) -> None:
+        """Write to the log which other bodies equality constraints weld to it: they are not held."""
+        import mujoco
+
+        model = self.model.compiled
+        for weld in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_WELD):
+            ends = [int(model.eq_obj1id[weld]), int(model.eq_obj2id[weld])]
+            if model.eq_objtype[weld] == mujoco.mjtObj.mjOBJ_SITE:
+                ends = [int(model.site_bodyid[site]) for site in ends]
+            others = [body for body in ends if body not in self.inside]
+            if len(others) == 1 and others[0] > 0:  # not one to the world
+                LOG.warning(
+                    f"coheft: {place}: an equality constraint welds body {model.body(others[0]).name!r} to it, which "
+                    f"is left out: only what is inside of body {self._name!r} is held; put it there, if that is meant"
+                )
 
     def _remark_shapes(self, place: str) -> None:
         """Write to the log which of the shapes that have mass are not closed, not filled exactly, or overlap."""
