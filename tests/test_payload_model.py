@@ -57,6 +57,14 @@ def test_what_floats_is_held_and_not_the_table(tmp_path: Path) -> None:
     assert load(tmp_path, model).payload.inertia().mass == pytest.approx(PLATE_MASS)
 
 
+@pytest.mark.parametrize(("joint", "aligns"), [('align="true"', "false"), ("", "true")])
+def test_what_floats_keeps_its_own_frame(joint: str, aligns: str, tmp_path: Path) -> None:
+    shape = PLATE.replace("size", 'pos=".3 0 .1" size')
+    model = world(f'<body name="b"><freejoint {joint}/>{shape}</body>')
+    model = model.replace("<mujoco>", f'<mujoco><compiler alignfree="{aligns}"/>')
+    np.testing.assert_allclose(load(tmp_path, model).payload.inertia().com, [0.3, 0.0, 0.1])
+
+
 def test_shapes_without_bounds_do_not_count(tmp_path: Path) -> None:
     scenario = load(tmp_path, world(f'<body>{PLATE}<geom type="plane" size="1 1 1"/></body>'))
     assert scenario.payload.inertia().mass == pytest.approx(PLATE_MASS)

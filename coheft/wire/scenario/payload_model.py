@@ -119,10 +119,14 @@ def _leave_out_unused(spec: mujoco.MjSpec) -> None:
 
 
 def _take_off_free_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
-    """Whether a body floats; if links between it and the world have no joints, its own joint is removed."""
+    """Whether a body floats. It keeps its frame, whatever ``align`` says; and if links between it and the world have no
+    joints, its own joint is removed.
+    """
     import mujoco
 
     free = [joint for joint in body.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    for joint in free:  # not the frame of its principal axes, in which no grasp is written
+        joint.align = mujoco.mjtAlignFree.mjALIGNFREE_FALSE
     above = body.parent
     while above != spec.worldbody and not above.joints:
         above = above.parent
