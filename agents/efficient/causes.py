@@ -93,7 +93,7 @@ class Causes:
         buffer = known.buffer
         first = int(buffer.numbers[index]) if index < buffer.count else newest
         if self._suspicion is not None and state is State.POSE_CHANGED:
-            self._suspicion.notice_contradiction()  # where a pose has changed is not known to the row
+            self._suspicion.notice_pose()  # where a pose has changed is not known to the row
             return
         if self._suspicion is not None and not self._suspicion.may_begin_at(first):
             self._suspicion = None

@@ -178,8 +178,13 @@ class Suspicion:
             self._state, self.favours_change = State.LOAD_OR_SLIP, False
 
     def notice_contradiction(self) -> None:
-        """Process that motions contradict each other, or newest rows show another pose: no other load explains that."""
+        """Process that motions contradict each other: a load that has changed does not explain that."""
         self._contradicts, self._rests = True, False
+
+    def notice_pose(self) -> None:
+        """Process that newest rows show another pose; they are likelier with a change until causes are compared."""
+        self.notice_contradiction()
+        self.favours_change = True
 
     def contradiction_ends(self, number: int) -> None:
         """Process that motions contradict each other no longer: rows before this one may have been a sensor's fault."""

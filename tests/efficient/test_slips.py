@@ -170,6 +170,17 @@ def test_a_small_slip_soon_after_another_load_is_found() -> None:
     assert worst < 5.0
 
 
+@pytest.mark.parametrize("seed", [3, 4])
+def test_nothing_is_handed_over_while_newest_rows_show_another_pose(seed: int) -> None:
+    """A fault of another robot hides the slip, so only the fit before the hand-over shows it."""
+    rows = made_up_rows(42, first=BEFORE, seed=seed, poses=slipped_poses(3.0, 0.15, 2, seed))
+    rows[30:, ROW_SIZE + A.start] += 3.0
+    found = fed(np.concatenate([made_up_rows(BEFORE, seed=seed), rows]))
+    assert not found.causes.is_open
+    assert found.hand_over(0.1) is None
+    assert found.causes.is_open
+
+
 def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
     rows, _ = slipped(20.0, 1.0, 1, 3)
     found = fed(rows[: BEFORE + 40])
