@@ -27,6 +27,13 @@ def test_all_calls_are_made_by_other_processes_with_one_thread_each() -> None:
     assert os.getpid() not in {process for _, _, process in found}
 
 
+def test_options_of_python_stay_as_they_are() -> None:
+    options = list(sys.warnoptions)
+    with workers(2):
+        assert sys.warnoptions != options
+    assert sys.warnoptions == options
+
+
 def test_ctrl_c_is_left_to_the_process_that_ends_the_others() -> None:
     with workers(2):
         assert list(side_by_side(signal.getsignal, [(signal.SIGINT,)] * 2)) == [signal.SIG_IGN] * 2

@@ -72,7 +72,7 @@ def _begin_worker() -> None:
 
 
 def side_by_side(function: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> Iterator[T]:
-    """Call a function with each of many tuples of arguments, within ``workers``; yield results as they arrive."""
+    """Call a function with each of many tuples of arguments; yield results as they arrive, while ``workers`` last."""
     import joblib
 
     parallel = joblib.Parallel(return_as="generator_unordered")
