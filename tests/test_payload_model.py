@@ -166,11 +166,30 @@ def test_bodies_that_are_welded_to_it_are_remarked(ends: str, tmp_path: Path, ca
     model = bodies.replace("</mujoco>", f"<equality><weld {ends}/></equality></mujoco>")
     scenario = load(tmp_path, model, more='payload.body = "b"')
     assert scenario.payload.inertia().mass == pytest.approx(PLATE_MASS)
-    assert "an equality constraint welds body 'tool' to it, which is left out" in caplog.text
+    assert "an equality constraint welds tool to it, which is left out" in caplog.text
     caplog.clear()
+    load(tmp_path, model.replace(f"weld {ends}", f'weld active="false" {ends}'), more='payload.body = "b"')
     load(tmp_path, model.replace(ends, 'body1="b"'), more='payload.body = "b"')  # to the world
     hinge = model.replace(f"weld {ends}", 'connect body1="b" body2="tool" anchor="0 0 0"')
     load(tmp_path, hinge, more='payload.body = "b"')
+    assert caplog.text == ""
+
+
+@pytest.mark.parametrize(
+    ("other", "ends"),
+    [
+        ('<body name="hand" mocap="true"><site name="s"/></body>', 'body1="hand" body2="b"'),
+        ('<body name="table"><geom size="1"/></body>', 'body1="b" body2="table"'),
+        ('<body name="c"><freejoint/><geom size="1"/><body name="d"/></body>', 'body1="c" body2="d"'),
+    ],
+    ids=["mocap", "static", "others"],
+)
+def test_welds_that_hold_nothing_else_are_not_remarked(
+    other: str, ends: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bodies = world(f'{other}<body name="b"><freejoint/>{PLATE}</body>')
+    model = bodies.replace("</mujoco>", f"<equality><weld {ends}/></equality></mujoco>")
+    load(tmp_path, model, more='payload.body = "b"')
     assert caplog.text == ""
 
 

@@ -173,20 +173,23 @@ class HeldBody:
         self._remark_shapes(place)
 
     def _remark_welds(self, place: str) -> None:
-        """Write to the log which other bodies equality constraints weld to it: they are not held."""
+        """Write to the log which bodies with joints equality constraints weld to it: they are not held."""
         import mujoco
 
-        model = self.model.compiled
-        for weld in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_WELD):
-            ends = [int(model.eq_obj1id[weld]), int(model.eq_obj2id[weld])]
+        model, others = self.model.compiled, set[int]()
+        for weld in np.flatnonzero((model.eq_type == mujoco.mjtEq.mjEQ_WELD) & (model.eq_active0 != 0)):
+            ends = {int(model.eq_obj1id[weld]), int(model.eq_obj2id[weld])}
             if model.eq_objtype[weld] == mujoco.mjtObj.mjOBJ_SITE:
-                ends = [int(model.site_bodyid[site]) for site in ends]
-            others = [body for body in ends if body not in self.inside]
-            if len(others) == 1 and others[0] > 0:  # not one to the world
-                LOG.warning(
-                    f"coheft: {place}: an equality constraint welds body {model.body(others[0]).name!r} to it, which "
-                    f"is left out: only what is inside of body {self._name!r} is held; put it there, if that is meant"
-                )
+                ends = {int(model.site_bodyid[site]) for site in ends}
+            if ends & {*self.inside}:
+                others |= ends - {*self.inside}
+        moving = [body for body in sorted(others) if model.body_weldid[body] != 0]
+        names = [model.body(body).name for body in moving if model.body_mocapid[model.body_weldid[body]] < 0]
+        if names:
+            LOG.warning(
+                f"coheft: {place}: an equality constraint welds {_listed(names)} to it, which is left out: only what "
+                f"is inside of body {self._name!r} is held; put it there, if that is meant"
+            )
 
     def _remark_shapes(self, place: str) -> None:
         """Write to the log which of the shapes that have mass are not closed, not filled exactly, or overlap."""
