@@ -52,6 +52,7 @@ def carried(scenario: Scenario) -> CarryReport:
     return record.report()
 
 
+@pytest.mark.slow
 def test_a_load_that_is_known_is_carried_better_and_a_change_is_made_up_for() -> None:
     report = carried(carrying())
     alone, springs, before, after = report.phases

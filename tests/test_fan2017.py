@@ -85,6 +85,7 @@ def test_what_sums_that_lag_behind_do_is_in_the_standard_deviation() -> None:
         assert abs(mass.estimate - mass.truth) < 1.7 * mass.std
 
 
+@pytest.mark.slow
 def test_around_a_load_change_nothing_valid_is_wrong() -> None:
     """From its first block on, another load is doubted; then old samples count, and pull robots' estimates apart."""
     change = replace(load_scenario("line4").load_changes[0], at=8.0)

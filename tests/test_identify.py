@@ -174,6 +174,7 @@ def test_robots_worse_than_their_bounds_are_suspected(short: Recording, calibrat
         assert (found.doubts != ()) == beyond
 
 
+@pytest.mark.slow
 def test_a_force_scale_beyond_its_bound_is_refuted_until_the_bound_covers_it(short: Recording) -> None:
     robot = short.robots["r1"]
     assert robot.wrench is not None

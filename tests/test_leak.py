@@ -74,6 +74,7 @@ def test_robots_know_how_far_off_they_are(followed: Followed) -> None:
     assert np.mean(followed.off > 5.0) < 0.01
 
 
+@pytest.mark.slow
 def test_only_the_newest_changes_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """A load that leaks for hours changes thousands of times, and messages would become too large."""
     monkeypatch.setattr("coheft.agents.efficient.estimator.MOST_NOTICES", 1)

@@ -235,6 +235,7 @@ def test_the_change_is_shown_close_up_and_the_page_tells_who_was_stale(made: Mad
     assert "the load changed" in made.page.words.lower()
 
 
+@pytest.mark.slow
 def test_a_recording_with_a_gap_where_the_load_changed_has_a_page(made: Made, tmp_path: Path) -> None:
     scenario = parse_scenario(SCENARIO.replace("7.0", "5.0").replace("4.0\nmass", "1.0\nmass"), "two")
     follower, record = SeriesFollower(), Record(made.series.scene, scenario.duration)

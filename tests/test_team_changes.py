@@ -185,6 +185,7 @@ def test_all_go_on_while_one_link_of_a_ring_is_out() -> None:
         assert {each.status for each in estimates if each.time > healed + 0.5} == {"valid"}
 
 
+@pytest.mark.slow
 def test_a_load_that_falls_while_halves_cannot_talk_is_known_when_they_can() -> None:
     healed = FROM + 0.8
     load = LoadChange(at=FROM + 0.4, mass=2.0, position=(-0.1, 0.1, 0.07))

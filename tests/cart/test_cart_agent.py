@@ -93,6 +93,7 @@ def test_messages_that_do_not_come_cost_samples_and_nothing_else() -> None:
     assert abs(estimate.cart.mass - 20.0) < 4.0 * np.sqrt(estimate.covariance[0, 0])
 
 
+@pytest.mark.slow
 def test_a_hand_slides_to_where_it_pushes_best() -> None:
     """The centre of mass is 15 cm to the right, so is the best place; staying in the middle takes more effort."""
     sliding = run(1, 10.0)

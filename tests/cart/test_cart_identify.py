@@ -160,6 +160,7 @@ def test_what_fits_with_another_meaning_is_told(
     assert max(kept) == 200
 
 
+@pytest.mark.slow
 def test_where_no_meaning_fits_it_is_said_what_to_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The hand is said to be 10 cm beside where it is, which is no common mistake."""
     path = write_csv(tmp_path / "cart.csv", without_plan(8.0))

@@ -66,6 +66,7 @@ def test_errors_are_as_large_as_it_says_and_an_unchanged_cart_is_not_taken_for_a
     assert chi2.ppf(1e-4, 12) < total < chi2.isf(1e-4, 12)
 
 
+@pytest.mark.slow
 def test_covariances_stay_what_they_are() -> None:
     for estimate in run(11, 1).estimates["p1"]:
         np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, atol=1e-12)
@@ -73,6 +74,7 @@ def test_covariances_stay_what_they_are() -> None:
         assert np.linalg.eigvalsh(estimate.covariance[:4, :4] / np.outer(scale, scale)).min() > 0.0
 
 
+@pytest.mark.slow
 def test_friction_that_is_guessed_wrong_by_a_factor_of_two_costs_little() -> None:
     for factor in (0.5, 2.0):
         estimates = run(5, 1, 11.0, factor).estimates["p1"]
@@ -252,6 +254,7 @@ def test_noise_that_rises_suddenly_is_not_taken_for_many_changes(factor: float) 
     assert claims_within(found, 5.0)
 
 
+@pytest.mark.slow
 def test_forces_that_it_does_not_measure_are_noticed() -> None:
     """3 N of noise on the wrench, of which it is told nothing."""
     scenario = structs.replace(table_one(5, turning_friction=0.7), duration=8.0, force_noise=3.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
+import pytest
 
 from coheft.app.run.inprocess import run_in_process
 from coheft.estimation.geometry.spatial import rotation_log
@@ -48,6 +49,7 @@ def true_value(errors: SensorErrors, robot: int, found: SensorErrorEstimate, anc
     return float(matrix[axis, axis]) - 1.0
 
 
+@pytest.mark.slow
 def test_found_errors_are_true_within_what_is_said() -> None:
     shipped = load_scenario("real3")
     sensors = msgspec.structs.replace(shipped.sensors, tolerance=TOLD)

@@ -122,6 +122,7 @@ def test_fit_is_exact_without_noise_from_a_rough_start(count: int) -> None:
         np.testing.assert_allclose(perturbation_between(pose, true), 0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_noise_is_found_and_covariance_honest() -> None:
     rng = np.random.default_rng(5)
     team = grasps(rng)

@@ -27,8 +27,6 @@ from tests.docs_blocks import Block, Command, blocks, commands, missing_line, no
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 TABLE_FILE = Path(__file__).with_name("docs_commands.toml")
-LONGEST = ("compare.md", "own.md", "python.md", "report.md", "sensors.md")
-"""Pages whose commands take a quarter of a minute or more: left to ``make test-all``."""
 PATIENCE = 1200.0
 STOPPED = (0, 3, 130)  # a run that is stopped tells how far it had got
 PLUGINS = ".venv/plugins"  # what pages install is seen by them only
@@ -246,11 +244,7 @@ def reader(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Reader]:
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(
-    "reader",
-    [pytest.param(page, id=page.name, marks=[pytest.mark.slow] * (page.name in LONGEST)) for page in PAGES],
-    indirect=True,
-)
+@pytest.mark.parametrize("reader", PAGES, ids=lambda page: page.name, indirect=True)
 def test_a_reader_can_do_what_the_page_says(reader: Reader) -> None:
     reader.work_through()
 
