@@ -102,6 +102,8 @@ def test_pictures_may_be_missing(texture: str, tmp_path: Path) -> None:
         '<keyframe><key name="home" qpos="0 0 1 1 0 0 0"/></keyframe>',
         '<actuator><motor joint="free" gear="0 0 1 0 0 0"/></actuator>',
         '<sensor><framepos objtype="body" objname="b"/></sensor>',
+        '<sensor><framepos name="s" objtype="body" objname="b"/></sensor><custom><tuple name="t">'
+        '<element objtype="sensor" objname="s"/></tuple></custom>',
     ],
 )
 def test_what_drives_or_measures_a_floating_body_does_not_matter(driven: str, tmp_path: Path) -> None:
@@ -311,7 +313,7 @@ def test_other_units_are_refused(size: float, tmp_path: Path) -> None:
     [
         ('density="250"', "", ""),
         ('mass="6"', "", ""),
-        ("", "", "24 kg of 24 kg are of shapes that MuJoCo fills with 1000 kg/m³, as it does if a file gives neither"),
+        ("", "", "24 kg of 24 kg are of shapes of 1000 kg/m³, with which MuJoCo fills them if a file gives neither"),
         ('mass="6"', '<compiler boundmass="7"/>', "boundmass, boundinertia, balanceinertia or settotalmass of its"),
         ('mass="6"', '<compiler settotalmass="9"/>', "balanceinertia or settotalmass of its compiler change"),
         ('mass="6"', '<compiler boundmass="5" balanceinertia="true"/>', ""),
@@ -333,6 +335,7 @@ def test_mass_that_a_file_does_not_say_is_remarked(
         ("ascii.stl", "MuJoCo reads meshes in binary .stl, and .obj: convert them"),
         ("package://robots/part.stl", "packages of ROS are not known here: give the path relative to this file"),
         ("file:///part.stl", "give the path of the mesh without file://"),
+        ("$(find robots)/part.stl", "run xacro first"),
     ],
 )
 def test_meshes_that_mujoco_does_not_read_are_named(file: str, advice: str, tmp_path: Path) -> None:
@@ -350,6 +353,15 @@ def test_meshes_that_mujoco_does_not_read_are_named(file: str, advice: str, tmp_
         ("", "is it whole[?] Expected MJCF or URDF, as XML in UTF-8"),
         (world('<body><freejoint/><geom size="0.1" mass="0"/></body>'), "give its shapes a density or a mass, .*"),
         (world('<body><include file="gone.xml"/></body>'), "expected it there: paths are relative to this file, .*"),
+        ('<sdf version="1.7"/>', "expected MJCF, <mujoco>, or URDF, <robot>: convert other formats"),
+        (
+            f'<mujoco><compiler inertiafromgeom="false"/>{world(f"<body><freejoint/>{PLATE}</body>")[8:]}',
+            ".* inertiafromgeom = false only the latter counts",
+        ),
+        (
+            world('<body><inertial pos="0 0 0" mass="6" diaginertia="0.1 0.2 0.6"/></body>'),
+            "no body has such moments of inertia: .* 'balanceinertia' would make others of them",
+        ),
     ],
 )
 def test_models_that_mujoco_does_not_read_come_with_advice(model: str, advice: str, tmp_path: Path) -> None:
@@ -366,6 +378,9 @@ def test_expressions_in_a_urdf_are_named(tmp_path: Path) -> None:
 def test_macros_in_a_urdf_are_not_ignored(tmp_path: Path) -> None:
     text = f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{LINK}</robot>'
     assert load(tmp_path, text, "part.urdf").payload.inertia().mass == pytest.approx(6.0)
-    text = text.replace("<collision>", '<xacro:mass_of_box mass="6"/><collision>')
+    macro = '<xacro:mass_of_box mass="6"/>'
+    commented = text.replace("<collision>", f"<!-- was\n{macro} --><collision>")
+    assert load(tmp_path, commented, "part.urdf").payload.inertia().mass == pytest.approx(6.0)
+    text = text.replace("<collision>", f"{macro}<collision>")
     with pytest.raises(ScenarioError, match="elements of xacro, which MuJoCo would ignore: run xacro first"):
         load(tmp_path, text, "part.urdf")

@@ -91,6 +91,8 @@ class HeldBody:
                     f"links an <inertial> with a mass above 0, or a <collision>",
                 )
             is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
+        if not np.all(np.isfinite(whole.barycentric())):
+            refuse_scenario(place, f"body {self._name!r} has mass properties that are not finite; expected finite masses and lengths")
         if not is_solid:
             refuse_scenario(
                 place, f"a body of {whole.mass:g} kg with such moments of inertia has no extent in some direction"
@@ -135,8 +137,10 @@ class HeldBody:
             if name in names[:count]:
                 refuse_scenario(place, f"found {name!r} twice, but expected a site of its own for each robot")
             if name not in sites:
+                others = [model.body(model.site_bodyid[k]).name for k in range(model.nsite) if model.site(k).name == name]
+                where = f", but {others[0]!r}, which is not held" if name and others else ""
                 refuse_scenario(
-                    place, f"found {name!r}, but body {self._name!r} has no such site; it has: {_listed(sites)}"
+                    place, f"found {name!r}, but body {self._name!r} has no such site{where}; it has: {_listed(sites)}"
                 )
             pose = self._on_root(placed, placed.site_xmat[sites[name]], placed.site_xpos[sites[name]])
             if complaint := extent.complaint(pose.translation):
@@ -152,8 +156,8 @@ class HeldBody:
         chosen = whole.mass - (given.mass if given is not None else 0.0)
         if chosen > _SMALL_SHARE * whole.mass:
             LOG.warning(
-                f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes that MuJoCo fills with "
-                f"{DEFAULT_DENSITY:g} kg/m³, as it does if a file gives neither mass nor density: give one"
+                f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes of {DEFAULT_DENSITY:g} kg/m³, with "
+                f"which MuJoCo fills them if a file gives neither mass nor density: give one, unless that is meant"
             )
         written = self._inertia_of(self.model.variant(self.inside, keep_what_is_written))
         if written is None or not _alike(whole, written):

@@ -4,6 +4,7 @@ What comes after, on whatever host, knows mass properties, grasps and some trian
 Libraries for files are imported only if a scenario names one, and never by an agent.
 """
 
+import re
 from pathlib import Path
 
 import msgspec
@@ -18,17 +19,23 @@ from coheft.wire.scenario.payload_surface import to_text
 from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Scenario
 
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _MESHES = "MuJoCo reads meshes in binary .stl, and .obj: convert them"
 _XML = "is it whole? Expected MJCF or URDF, as XML in UTF-8"
 _ADVICE = {
     "stl_decoder": _MESHES,
     "no decoder found for mesh": _MESHES,
-    "decoder": "expected MJCF, .xml, or URDF, .urdf: run xacro first, and convert other formats",
+    "decoder": "expected MJCF, .xml, or URDF, .urdf, in lower case: run xacro first, and convert other formats",
+    "Unrecognized XML model type": "expected MJCF, <mujoco>, or URDF, <robot>: convert other formats",
     "bad format in attribute": "expected numbers: if there are expressions, run xacro first",
+    "$(": "run xacro first",
     "file:/": "give the path of the mesh without file://",
     "package:/": "packages of ROS are not known here: give the path relative to this file",
     "Error opening file": "expected it there: paths are relative to this file, and to 'meshdir' of its compiler",
-    "mjMINVAL": "give its shapes a density or a mass, or the body an <inertial>, in kg and metres",
+    "mjMINVAL": "give its shapes a density or a mass, or the body an <inertial>, in kg and metres; with "
+    "inertiafromgeom = false only the latter counts",
+    "A + B >= C": "no body has such moments of inertia: are they those at its centre of mass, each at its place? "
+    "'balanceinertia' would make others of them",
     "ParseXML": _XML,
     "XML parse error": _XML,
     "codec can't decode": _XML,
@@ -45,7 +52,7 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     if payload.mjcf is not None:
         place = f"{origin}: key 'payload.mjcf'"
         path = _existing(folder, payload.mjcf, place)
-        if b"<xacro:" in path.read_bytes():
+        if b"<xacro:" in _COMMENT.sub(b"", path.read_bytes()):
             refuse_scenario(place, f"{path} has elements of xacro, which MuJoCo would ignore: run xacro first")
         try:
             model = read_model(path)
