@@ -148,7 +148,11 @@ def test_a_mesh_is_filled_homogeneously(write, amount: str, tmp_path: Path) -> N
             'sites = ["grip1"]',
             "no such site, but 'world', which is not held; it has: none",
         ),
-        ('<body name="a"><geom type="box" size="inf 1 1" mass="2"/></body>', GRASPS, "'a' has mass properties that are no"),
+        (
+            '<body name="a"><geom type="box" size="inf 1 1" mass="2"/></body>',
+            GRASPS,
+            "body 'a' has mass properties that",
+        ),
         (
             BODY.format('<site name="grip1"/>'),
             'sites = ["grip1"]',

@@ -92,7 +92,10 @@ class HeldBody:
                 )
             is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
         if not np.all(np.isfinite(whole.barycentric())):
-            refuse_scenario(place, f"body {self._name!r} has mass properties that are not finite; expected finite masses and lengths")
+            refuse_scenario(
+                place,
+                f"body {self._name!r} has infinite mass properties; expected finite masses and lengths",
+            )
         if not is_solid:
             refuse_scenario(
                 place, f"a body of {whole.mass:g} kg with such moments of inertia has no extent in some direction"
@@ -130,15 +133,17 @@ class HeldBody:
         A site that is not there, named twice, the only one, or far outside of the body is a ``ScenarioError``.
         """
         model, placed = self.model.compiled, _placed(self.model.compiled)
-        named = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
-        sites = {name: site for name, site in named.items() if name}
+        named = {model.site(site).name: site for site in range(model.nsite) if model.site(site).name}
+        sites = {name: site for name, site in named.items() if model.site_bodyid[site] in self.inside}
+        elsewhere = {
+            name: model.body(model.site_bodyid[site]).name for name, site in named.items() if name not in sites
+        }
         grasps = []
         for count, name in enumerate(names):
             if name in names[:count]:
                 refuse_scenario(place, f"found {name!r} twice, but expected a site of its own for each robot")
             if name not in sites:
-                others = [model.body(model.site_bodyid[k]).name for k in range(model.nsite) if model.site(k).name == name]
-                where = f", but {others[0]!r}, which is not held" if name and others else ""
+                where = f", but {elsewhere[name]!r}, which is not held" if name in elsewhere else ""
                 refuse_scenario(
                     place, f"found {name!r}, but body {self._name!r} has no such site{where}; it has: {_listed(sites)}"
                 )
@@ -156,8 +161,8 @@ class HeldBody:
         chosen = whole.mass - (given.mass if given is not None else 0.0)
         if chosen > _SMALL_SHARE * whole.mass:
             LOG.warning(
-                f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes of {DEFAULT_DENSITY:g} kg/m³, with "
-                f"which MuJoCo fills them if a file gives neither mass nor density: give one, unless that is meant"
+                f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes of {DEFAULT_DENSITY:g} kg/m³, "
+                f"with which MuJoCo fills them if a file gives neither mass nor density: give one, unless that is meant"
             )
         written = self._inertia_of(self.model.variant(self.inside, keep_what_is_written))
         if written is None or not _alike(whole, written):

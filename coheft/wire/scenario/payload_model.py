@@ -104,8 +104,8 @@ def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
 def _leave_out_unused(spec: mujoco.MjSpec) -> None:
     """Take off what has no mass, but needs files that may be missing, or free joints that may be taken off.
 
-    These are skins, keyframes, actuators and sensors, and tuples, which may list them. Every texture gets one colour and, as only a sky needs none, a
-    name, so that no image is read.
+    These are skins, keyframes, actuators and sensors, and tuples, which may list them. Every texture gets one colour
+    and, as only a sky needs none, a name, so that no image is read.
     """
     import mujoco
 
