@@ -151,7 +151,7 @@ def test_a_mesh_is_filled_homogeneously(write, amount: str, tmp_path: Path) -> N
         (
             '<body name="a"><geom type="box" size="inf 1 1" mass="2"/></body>',
             GRASPS,
-            "body 'a' has mass properties that",
+            "body 'a' has infinite mass properties",
         ),
         (
             BODY.format('<site name="grip1"/>'),
