@@ -89,6 +89,7 @@ def test_npz_files_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict
         ("t,ax,ay,az\n0,1,2,three\n", "line 2, column 'az': found 'three'; expected a number such as 1.5"),
         ("t,ax,ay,az\n", "expected a line with the names of columns, then numbers"),
         ("ax,ay,az\n1,2,3\n", "'t' of r1 is missing"),
+        ("t,ax,ay,az\n45000,1,2,3\n45000.0000001,1,2,4\n", "1e.07 samples per second: expected seconds .* days, as"),
         ("1700000000,0,tool0,1.5,2.5,3.5\n", "the first line holds numbers, expected the names of the columns"),
     ],
 )

@@ -296,6 +296,23 @@ def test_whose_moments_are_in_another_unit_is_named() -> None:
     assert (verdict.cause, verdict.robot) == ("moment scale", "r2")
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "mN and N·mm"), (1e-3, "kN and kN·m")])
+def test_whose_wrenches_are_in_another_unit_is_named(factor: float, unit: str) -> None:
+    recording = held_recording(4)
+    recording = with_wrench(recording, "r2", factor * wrench_of(recording, "r2"))
+    verdict = identify(recording, Options()).verdict
+    assert verdict is not None
+    assert (verdict.cause, verdict.robot) == ("scale", "r2")
+    assert unit in verdict.words
+
+
+def test_accelerations_with_the_opposite_sign_are_named(of_twists: Recording) -> None:
+    verdict = identify(of_twists.changed("acceleration", np.negative, "r2"), Options(method="instruments")).verdict
+    assert verdict is not None
+    assert (verdict.cause, verdict.robot) == ("motion sensor", "r2")
+    assert "accelerations have the opposite sign" in verdict.words
+
+
 def test_vibrations_are_not_taken_for_white_noise() -> None:
     recording = recorded(draw_team(955006), "vibrating", by_twists=True)
     found = identify(recording)

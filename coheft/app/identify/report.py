@@ -7,6 +7,7 @@ import numpy as np
 
 from coheft.estimation.batch.holds import orientations
 from coheft.estimation.batch.identification import CalibrationFinding, Identification
+from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.pairs import LoopError
 from coheft.estimation.batch.payload import Payload, principal_inertia
 from coheft.estimation.batch.recording import Recording, Truth
@@ -213,13 +214,15 @@ def _payload(payload: Payload) -> PayloadReport:
 
 def _not_observable(found: Identification) -> list[str]:
     sentences = []
+    is_late = found.verdict is not None and found.verdict.cause == Cause.CLOCK
+    remedy_of_poses = "first set clocks right" if is_late else "turn the load about other axes as well"
     for k, name in enumerate(found.names[1:], 1):
         directions = found.team.relative(0, k).unobservable
         if len(directions) == _ALL_DIRECTIONS:
             sentences.append(f"pose of {name}: the load has to move and turn")
         elif directions:
             parts = ", ".join(str(direction) for direction in directions)
-            sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
+            sentences.append(f"pose of {name}, {parts}: {remedy_of_poses}")
     if found.is_explained:  # the fault may be the reason for the rest
         return sentences
     are_poses_seen = not sentences

@@ -14,6 +14,7 @@ from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import judge_gravity, judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import spiking_sensor, stuck_motion, stuck_sensor
+from coheft.estimation.batch.judge.turning import judge_turning
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.judge.words import KGF, LBF
 from coheft.estimation.batch.payload import Payload, make_payload
@@ -23,8 +24,8 @@ from coheft.estimation.batch.signals import centre_of
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.derivatives import central_derivative
 
-_MENDINGS = 2
-"""Number of corrections: a late clock of the poses is corrected first, then by forces that of the wrenches."""
+_MENDINGS = 3
+"""Number of corrections: a clock that is far off is corrected first, then by poses, then by forces that of wrenches."""
 _SURELY = 3.0
 """Standard deviations."""
 _STD = attrgetter("std")
@@ -67,8 +68,12 @@ def _judged_once(
     try:
         evidence = found.evidence or Evidence.of(recording, cutoff)
         if not evidence.is_seen and stuck_motion(recording) is None:
-            return replace(found, not_judged=_UNOBSERVABLE)
-        verdict = _judge(evidence, assume, mended)
+            late = judge_turning(evidence)
+            if late is None:
+                return replace(found, not_judged=_UNOBSERVABLE)
+            verdict = late
+        else:
+            verdict = _judge(evidence, assume, mended)
         if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
             verdict = _inverse(recording, cutoff) or verdict
     except (ValueError, RecordingError) as error:
@@ -86,6 +91,7 @@ def _judge(evidence: Evidence, assumed: str | None = None, mended: Sequence[Verd
         stuck_motion(recording)
         or stuck_sensor(recording)
         or spiking_sensor(recording)
+        or judge_turning(evidence)
         or judge_poses(evidence)
         or judge_motions(evidence)
         or judge_gravity(evidence)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.pairs import kabsch, position_between
+from coheft.estimation.batch.pose_rates import check_rates
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of, turns
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
@@ -192,8 +193,8 @@ def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> No
         x, y, z = recording.gravity
         gravity = f"gravity in the home frames, ({x:g}, {y:g}, {z:g}), must point down"
     raise RecordingError(
-        f"{found}: they must be what the robots do to the load, not what it does to them. Turn their signs; or, if "
-        f"they are right, {gravity}"
+        f"{found}: they must be what the robots do to the load, not what it does to them, in the axes of the grasp "
+        f"frames. Turn their signs; or, if they are right, {gravity}"
     )
 
 
@@ -241,6 +242,7 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
     poses, or only its quaternions, are inverse. If all robots' poses are inverse, only forces tell (``judged``).
     """
     by_poses = _by_poses(recording, cutoff) if recording.has("twist") else signals
+    check_rates(recording.names, signals, by_poses)
     given = by_poses.twists
     found = _misfit(given)
     if found < _MISFIT:

@@ -17,6 +17,8 @@ from coheft.wire.process.log import LOG
 _UNITS = ((1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds"))
 _SLOWEST = 0.25
 """Longest time between samples that is useful [s]."""
+_FASTEST = 1e-5
+"""Time between samples below which no sensor measures [s]."""
 _INDEX = "; numbers of samples are no times"
 _ROUNDING = 1e-9
 _SHORTEST = 0.2
@@ -26,7 +28,7 @@ _EPOCH = 1e8
 
 
 def samples_in_seconds(name: str, time: Array) -> Array:
-    """Return a robot's times (n,), in any unit, in seconds; another unit is logged."""
+    """Return a robot's times (n,), in any unit, in seconds; another unit is logged, or refused if it is not known."""
     if len(time) < 2:
         return time
     step = float(np.median(np.diff(time)))
@@ -37,6 +39,11 @@ def samples_in_seconds(name: str, time: Array) -> Array:
                 f"{1.0 / (step * factor):.4g} samples per second{_INDEX if step == 1.0 else ''}"
             )
             return time * factor
+    if 0.0 < step < _FASTEST:
+        raise RecordingError(
+            f"'t' of {name} grows by {step:.3g} from sample to sample, which would make {1.0 / step:.3g} samples per "
+            f"second: expected seconds (or ms, µs or ns); multiply days, as spreadsheets count them, by 86400"
+        )
     return time
 
 

@@ -19,6 +19,8 @@ MENDABLE = (
     *(Cause.LENGTH_SCALE, Cause.GRAVITY, Cause.NOT_LEVEL, Cause.INVERSE),
 )
 """Faults whose parameters determine what sensors would have measured without them."""
+_LONG = 0.5
+"""Delays beyond which the end that is made up by a correction is left out [s]; seconds at both ends are dropped."""
 
 
 def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recording:
@@ -70,7 +72,8 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
         case Cause.CLOCK:
             for channel in verdict.channels:
                 recording = recording.changed(channel, partial(_earlier, time=recording.time, delay=value[0]), name)
-            return recording
+            lost = (max(0.0, -value[0]), max(0.0, value[0])) if abs(value[0]) > _LONG else (0.0, 0.0)
+            return recording.between(recording.time[0] + lost[0], recording.time[-1] - lost[1])
         case Cause.LENGTH_SCALE:
             lengths = np.repeat([1.0 / value[0], 1.0], [3, 4])
             return recording.changed("pose", lambda pose: pose * lengths, name)

@@ -18,6 +18,8 @@ from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _EXCESS, _SHARE, _MENDED = 4.5, 0.03, 0.02
 """As in ``forces``: deviations that are no chance, share of the motion that matters, share that a fault may leave."""
+_CALIBRATED = 0.1
+"""Difference of a factor from minus one that calibration may explain."""
 _OTHER_GRAVITY = 0.01
 """Relative difference from gravity that is more than that of places and of accelerometers."""
 _OTHER_DOWN = 5.0
@@ -138,7 +140,8 @@ class _View:
             angle = np.degrees(np.linalg.norm(turn))
             yield left, f"{what} are in other axes than the rest, turned by about {angle:.2g} degrees"
             (excess,), left = self._with_fault(part, self._mean[:, part, None])
-            yield left, f"{what} are {1.0 + excess:.4g} times what they should be: another unit, or calibration"
+            factor = f"{what} are {1.0 + excess:.4g} times what they should be: another unit, or calibration"
+            yield left, f"{what} have the opposite sign" if abs(2.0 + excess) < _CALIBRATED else factor
 
     def _with_fault(self, part: slice, columns: Array) -> tuple[Array, float]:
         """Unknowns (q,) of a fault of one channel with these columns (n, 3, q), and the excess that is left."""

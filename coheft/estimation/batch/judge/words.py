@@ -15,7 +15,7 @@ _QUIET = 6.0
 KGF, LBF, _FOOT, _INCH = 9.80665, 4.4482216, 0.3048, 0.0254
 """In units of N and m."""
 _UNITS = {
-    Cause.SCALE: ((1.0 / KGF, "kgf and kgf·m"),),
+    Cause.SCALE: ((1.0 / KGF, "kgf and kgf·m"), (0.001, "kN and kN·m"), (1000.0, "mN and N·mm")),
     Cause.FORCE_SCALE: ((1.0 / KGF, "kgf"), (1.0 / LBF, "lbf"), (0.001, "kN")),
     Cause.MOMENT_SCALE: (
         *((1000.0, "N·mm"), (100.0, "N·cm"), (1.0 / KGF, "kgf·m"), (100.0 / KGF, "kgf·cm")),

@@ -1,0 +1,77 @@
+"""A judge of recordings: clocks that are off by more than the motion's time scale, and robots that turn otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from coheft.app.identify.choices import Options
+from coheft.app.identify.methods import identify
+from coheft.app.identify.report import make_report
+from coheft.estimation.batch.recording import Recording, RobotRecord
+from tests.estimation.batch_team import held_recording
+from tests.estimation.test_batch_judge import SEED, deviations, judged
+
+LONGEST = 400
+"""Samples by which clocks are off at most."""
+
+
+def off(recording: Recording, samples: int) -> Recording:
+    """The same with the second robot late by so many samples, all of its sensors alike."""
+    count = len(recording.time) - 2 * LONGEST
+    robots = {}
+    for name, robot in recording.robots.items():
+        first = LONGEST - (samples if name == "r2" else 0)
+        channels = {channel: values[first : first + count] for channel, values in robot.channels.items()}
+        robots[name] = RobotRecord(recording.time[:count], **channels)
+    return replace(recording, robots=robots)
+
+
+@pytest.mark.parametrize(
+    ("samples", "count", "robot", "words"),
+    [
+        (60, 3, "r2", "poses of r2 are 600 ms late against the others'"),
+        (-60, 3, "r2", "poses of r2 are 600 ms early against the others'"),
+        (LONGEST, 3, "r2", "poses of r2 are 4 s late against the others'"),
+        (80, 2, None, "poses of r2 are (or those of the other robot, the other way round) 800 ms late"),
+    ],
+)
+def test_a_clock_that_is_far_off_is_named(samples: int, count: int, robot: str | None, words: str) -> None:
+    recording = off(held_recording(SEED, count, 33.0), samples)
+    found, verdict = judged(recording)
+    assert (verdict.cause, verdict.robot) == ("clock", robot)
+    assert verdict.value[0] == pytest.approx(samples / 100.0, abs=0.005)
+    assert words in verdict.words
+    assert not any("turn the load" in text for text in make_report("far.npz", recording, found).not_observable)
+
+
+@pytest.mark.parametrize("samples", [60, -LONGEST])
+def test_a_clock_that_is_far_off_is_corrected(samples: int) -> None:
+    recording = off(held_recording(SEED, 3, 33.0), samples)
+    found = identify(recording, Options(assume="clock"))
+    assert found.doubts == ()
+    assert deviations(recording, found).max() < 5.0
+
+
+def test_a_robot_that_turns_otherwise_is_named() -> None:
+    """Samples were left out without a trace in its times."""
+    recording = held_recording(SEED)
+    every = recording.robots["r2"].channels
+    kept = [k for k in range(len(recording.time)) if k % 8]
+    count = len(kept)
+    robots = {
+        name: RobotRecord(recording.time[:count], **{c: v[:count] for c, v in robot.channels.items()})
+        for name, robot in recording.robots.items()
+    }
+    robots["r2"] = RobotRecord(recording.time[:count], **{channel: values[kept] for channel, values in every.items()})
+    _, verdict = judged(replace(recording, robots=robots))
+    assert verdict.cause == "unknown"
+    assert "r2 does not turn as the others do" in verdict.words
+
+
+def test_one_that_hardly_turns_is_not_suspected() -> None:
+    """Angular speeds of noise do not correlate."""
+    found = identify(held_recording(SEED, turns=(0.001, 0.001, 0.001)), Options())
+    assert found.verdict is None
+    assert found.not_judged
