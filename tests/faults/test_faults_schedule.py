@@ -11,6 +11,7 @@ import pytest
 from coheft.app.faults.draw import DELAY, LATEST_START, MOST_FAULTS, draw_schedule
 from coheft.app.faults.schedule import (
     AnyFault,
+    ClockSkew,
     Crash,
     FaultSchedule,
     Loss,
@@ -79,6 +80,10 @@ def test_what_is_no_schedule_is_refused_with_its_name(tmp_path: Path):
     (tmp_path / "other.json").write_text('{"seed": 1}')
     with pytest.raises(ScenarioError, match=r"other\.json: not a fault schedule"):
         read_schedule(tmp_path / "other.json")
+    late = ClockSkew(start=0.0, end=1.0, robot="r1", samples=10**9)
+    write_schedule(msgspec.structs.replace(DRAWN[0], faults=(late,)), tmp_path / "other.json")
+    with pytest.raises(ScenarioError, match=r"not a fault schedule: Expected `int` <= 100000 - at .*samples"):
+        read_schedule(tmp_path / "other.json")
 
 
 THREE = next(schedule for schedule in DRAWN if schedule.scenario.robot_count == 3)
@@ -93,6 +98,7 @@ THREE = next(schedule for schedule in DRAWN if schedule.scenario.robot_count == 
             Crash(start=2.0, end=2.0, robot="r1"),
             r"faults\[1\]\.end': found 2 s, expected a time after 'start', .* 2 s$",
         ),
+        (Crash(start=900.0, end=901.0, robot="r1"), r"start': found 900 s, expected a time before the end of the run"),
         (Loss(start=1.0, end=2.0, probability=0.5, sender="r9"), r"sender': found 'r9', .*: r1, r2, r3, \*$"),
         (Loss(start=1.0, end=2.0, probability=0.5, receiver="r"), r"receiver': found 'r', .*: r1, r2, r3, \*$"),
         (Partition(start=1.0, end=2.0, group=("r1", "r8")), r"group': found 'r8', expected one of: r1, r2, r3$"),

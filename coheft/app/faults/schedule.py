@@ -14,7 +14,7 @@ from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NotNegative, Seed
 
 Probability = Annotated[float, Meta(ge=0, le=1)]
-Count = Annotated[int, Meta(ge=1)]
+Count = Annotated[int, Meta(ge=1, le=100_000)]
 Sensor = Literal["gyro", "velocity", "acceleration", "force", "torque"]
 SensorFailure = Literal["nan", "frozen", "outliers", "saturation", "offset"]
 LieKind = Literal["scaled", "offset", "garbage"]
@@ -220,7 +220,13 @@ def read_schedule(path: Path) -> FaultSchedule:
         raise ScenarioError(f"{path}: not a fault schedule: {error}") from error
     scenario = complete_scenario(schedule.scenario, f"{path}: scenario", path.parent)
     for number, fault in enumerate(schedule.faults):
-        _check_fault(fault, scenario.robot_names, f"{path}: key 'faults[{number}]")
+        place = f"{path}: key 'faults[{number}]"
+        _check_fault(fault, scenario.robot_names, place)
+        if fault.start >= scenario.duration:
+            raise ScenarioError(
+                f"{place}.start': found {fault.start:g} s, expected a time before the end of the run, "
+                f"'scenario.duration' = {scenario.duration:g} s"
+            )
     return msgspec.structs.replace(schedule, scenario=scenario)
 
 
