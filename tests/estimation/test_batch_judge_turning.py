@@ -65,9 +65,11 @@ def test_a_robot_that_turns_otherwise_is_named() -> None:
         for name, robot in recording.robots.items()
     }
     robots["r2"] = RobotRecord(recording.time[:count], **{channel: values[kept] for channel, values in every.items()})
-    _, verdict = judged(replace(recording, robots=robots))
+    left_out = replace(recording, robots=robots)
+    found, verdict = judged(left_out)
     assert verdict.cause == "unknown"
     assert "r2 does not turn as the others do" in verdict.words
+    assert not any("about other axes" in text for text in make_report("out.npz", left_out, found).not_observable)
 
 
 def test_one_that_hardly_turns_is_not_suspected() -> None:

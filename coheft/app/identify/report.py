@@ -214,8 +214,9 @@ def _payload(payload: Payload) -> PayloadReport:
 
 def _not_observable(found: Identification) -> list[str]:
     sentences = []
-    is_late = found.verdict is not None and found.verdict.cause == Cause.CLOCK
-    remedy_of_poses = "first set clocks right" if is_late else "turn the load about other axes as well"
+    cause = "" if found.verdict is None else found.verdict.cause
+    mended = {Cause.CLOCK.value: "first set clocks right", Cause.UNKNOWN.value: "first mend what is doubted below"}
+    remedy_of_poses = mended.get(cause, "turn the load about other axes as well")
     for k, name in enumerate(found.names[1:], 1):
         directions = found.team.relative(0, k).unobservable
         if len(directions) == _ALL_DIRECTIONS:
