@@ -6,7 +6,7 @@ chapters of fixed length), ``innovations`` (residuals of rows at the fit), ``con
 contradict the team, and what becomes of rows then), ``change_test_schedule`` and ``change_detector`` (has the load
 changed?), ``one_load`` (where, and what a change makes wrong in a fit to all rows), ``small_steps``, ``gaps`` and
 ``unnoticed`` (changes that are too small to be noticed), ``judge`` (do all rows fit?) and ``acceptance`` (what follows
-if not, with ``undeclared_watch``), ``state_before_change``, ``slips`` and ``causes`` (a load change or a slip?),
+if not), ``state_before_change``, ``slips`` and ``causes`` (a load change or a slip?),
 ``load_drift``, ``stages`` and ``session`` (decides what to do with each row), ``team`` (all of this while the team
 stays the same, with ``handover`` for robots that join), ``estimator`` (the interface to the agent). The mathematics is
 in ``coheft.estimation.moments``, where more words are explained.

@@ -23,6 +23,7 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.small_steps import NO_STEP
 from coheft.agents.efficient.stages import Event
+from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.moments.change import SmallStep, StepThresholds
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.row_buffer import RowBuffer
@@ -171,7 +172,8 @@ class ChangeDetector:
             known.fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
         now = known.fitted
         guards, mass = self._guards, float(now.state.fitted_load[THETA.start])
-        small = StepThresholds(self._rows.shortest, guards.least_small_step, guards.least_recent_step, mass)
+        long_ago, recent = (chi_square_threshold(1, each) for each in (guards.small_step, guards.recent_step))
+        small = StepThresholds(self._rows.shortest, long_ago, recent, mass)
         since, statistic, step = known.innovations.look_for_change(small)
         index, was_likely, self._is_likely = buffer.start + since, self._is_likely, False
         if not was_likely:

@@ -6,6 +6,8 @@ from collections import deque
 
 from coheft.agents.efficient.innovations import EvaluatedRow
 from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.moments.rows import WRENCH_SIZE
 
 _SURPRISES = 2
 """So many surprising rows in succession start a look."""
@@ -23,8 +25,9 @@ class ChangeTestSchedule:
     """
 
     def __init__(self, rows: RowCounts, guards: Guards, slot: int) -> None:
-        self._rows, self._slot, self._largest_surprise = rows, slot, guards.largest_surprise
-        self._masses, self._least_sum = deque[float](maxlen=rows.shortest), guards.least_mass_surprise * rows.shortest
+        self._rows, self._slot, self._masses = rows, slot, deque[float](maxlen=rows.shortest)
+        self._largest_surprise = chi_square_threshold(WRENCH_SIZE, guards.surprise)
+        self._least_sum = chi_square_threshold(1, guards.mass_surprise) * rows.shortest
         self._news = -1  # first row of the newest change that another robot has reported
         self.begin()
 

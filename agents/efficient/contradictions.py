@@ -23,6 +23,7 @@ from enum import Enum, auto
 import numpy as np
 
 from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
 
@@ -59,7 +60,7 @@ class Contradictions:
     """
 
     def __init__(self, count: int, guards: Guards, drift: Array, rows: RowCounts) -> None:
-        self._count, self._guards = count, guards
+        self._count, self._largest = count, chi_square_threshold(KINEMATICS_SIZE, guards.contradiction)
         self._drifts, self._spread = bool(drift.any()), 1.0 + _WINDOWS[:, None, None] * drift
         self._summed = 0  # number of rows in the sums
         self._sums = np.zeros((_LONGEST + 1, KINEMATICS_SIZE * count))  # after each of the newest rows, the newest last
@@ -117,7 +118,7 @@ class Contradictions:
             Of the worst contradiction, the index of the robot and the number of newest rows over which it shows; None
             if there is none.
         """
-        sums, largest = self._sums, self._guards.largest_contradiction
+        sums, largest = self._sums, self._largest
         sums[:-1] = sums[1:]
         sums[-1] += residuals
         self._summed += 1

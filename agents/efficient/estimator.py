@@ -23,9 +23,8 @@ from coheft.estimation.geometry.body_motion import relative_pose_derivative
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.estimation.moments.claims import Claim, claim_of
+from coheft.estimation.moments.claims import Claim, claim_of, found_errors
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.found_errors import found_errors
 from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.config import AgentConfig

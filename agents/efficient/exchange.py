@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from coheft.agents.efficient.row_times import RowTimes
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.flexing import FLEXING_SIZE
-from coheft.estimation.moments.rows import ROW_SIZE
+from coheft.estimation.moments.rows import FLEXING_SIZE, ROW_SIZE
 
 WINDOW = 64
 """Number of newest blocks whose rows are accepted, if it is not less than the hops or the checks of seals need."""

@@ -15,6 +15,7 @@ import math
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import NO_STEP, UnnoticedStep
+from coheft.estimation.chi_square import chi_square_threshold
 
 _GROWTH = 1.1
 """The step is computed anew when there are so many times the rows: what is published need not follow each row."""
@@ -60,4 +61,4 @@ class Gap:
         if not since > 0.0:
             return NO_STEP
         ratio = estimate.variance_of_mass * self._before / since
-        return UnnoticedStep(math.sqrt(self._guards.least_small_step * ratio), self._first)
+        return UnnoticedStep(math.sqrt(chi_square_threshold(1, self._guards.small_step) * ratio), self._first)

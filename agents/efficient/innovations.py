@@ -22,14 +22,12 @@ from coheft.estimation.moments.body import (
 )
 from coheft.estimation.moments.change import InformationMaps, Look, StepThresholds, look_for_change, one_kilogram
 from coheft.estimation.moments.chapter import Chapter
-from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.derivatives import MotionDerivatives, prediction_covariance
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.late_sensors import late_sensor
 from coheft.estimation.moments.moments import view_moments
-from coheft.estimation.moments.predictions import prediction_covariance
 from coheft.estimation.moments.row_buffer import VIEW_SIZE
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
-from coheft.estimation.moments.undeclared import UndeclaredError
+from coheft.estimation.moments.undeclared import UndeclaredError, late_sensor
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE

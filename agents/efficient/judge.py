@@ -86,20 +86,20 @@ def judge(
     wrench, motion = innovations.residuals(buffer.rows[first : buffer.count])
     wrench, body = wrench[max(0, buffer.start - first) :], estimate.body
     freedom = len(motion) * (int(np.count_nonzero(body.weight)) - _MOTION) - _POSE * (body.count - 1)
-    if not _fits(motion, freedom, guards.largest_motion_misfit, guards, drift):
+    if not _fits(motion, freedom, guards, drift):
         worst = worst_misfit(motion, drift)
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
     if (robot := _robot_beyond_tolerance(estimate, guards)) is not None:
         return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
-    if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
+    if not _fits(wrench, wrench.size - _LOAD, guards):
         if not estimate.misses_poses:
             return Verdict(Outcome.NO_LOAD)
         best, moved = best_residuals(estimate, settings, buffer.rows[max(first, buffer.start) : buffer.count])
-        if not _fits(best, best.size - _LOAD, guards.largest_wrench_misfit, guards, moved=moved):
+        if not _fits(best, best.size - _LOAD, guards, moved=moved):
             return Verdict(Outcome.NO_LOAD)
     found = explanations(body, innovations.gram(), assumed)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
-    if load_before is None or found.sensor < guards.largest_offset or is_load:
+    if load_before is None or found.sensor < chi_square_threshold(3, guards.offset) - 3.0 or is_load:
         is_beyond = _has_offset_beyond_tolerance(estimate, settings, guards)
         return Verdict(Outcome.BEYOND_TOLERANCE if is_beyond else Outcome.FITS)
     # Where torques are all measured about points of one body, it makes no difference whose torque sensor is off.
@@ -113,8 +113,7 @@ def misreading(body: BodyModel, extended_rows: Array, guards: Guards) -> Misread
     """
 
     def fitting(found: Iterable[Misreading]) -> list[Misreading]:
-        largest = guards.largest_wrench_misfit
-        return [each for each in found if _fits(each.residuals, each.freedom, largest, guards)]
+        return [each for each in found if _fits(each.residuals, each.freedom, guards)]
 
     wrenches = WrenchFit(body, extended_rows[-_READ_OTHERWISE:])
     for found in (wrenches.as_read(), wrenches.untared(), *map(wrenches.misreadings, (SCALE, UNITS, AXES))):
@@ -133,7 +132,7 @@ def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards
         return True
     load = estimate.state.fitted_load
     variance = estimate.variance_of_mass + load_before.covariance[-10, -10]
-    return bool((load[THETA] - load_before.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
+    return bool((load[THETA] - load_before.load[THETA])[0] ** 2 > chi_square_threshold(1, guards.mass) * variance)
 
 
 def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
@@ -147,13 +146,9 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
         is_declared = every > 0.0
         if not is_declared.any():
             continue
-        deviations, indices, found = (
-            every[is_declared],
-            unknowns.eta[robot, is_declared],
-            estimate.state.eta[robot, is_declared],
-        )
+        deviations, indices = every[is_declared], unknowns.eta[robot, is_declared]
         uncertain = estimate.covariance[np.ix_(indices, indices)] / np.outer(deviations, deviations)
-        if _is_beyond(found / deviations, uncertain, guards):
+        if _is_beyond(estimate.state.eta[robot, is_declared] / deviations, uncertain, guards):
             return robot
     return None
 
@@ -179,14 +174,13 @@ def _is_beyond(found: Array, uncertain: Array, guards: Guards) -> bool:
 def _fits(
     residuals: Array,
     freedom: float,
-    largest: float,
     guards: Guards,
     drift: Array | float = 0.0,
     moved: Sequence[float] | Array = (),
 ) -> bool:
     """Whether residuals (n, s, d), and a step (k,), in standard deviations, are no larger than noise explains."""
     worst = worst_misfit(residuals, drift)
-    if worst is not None and worst.chi_square > largest:
+    if worst is not None and worst.chi_square > chi_square_threshold(residuals.shape[2], guards.misfit):
         return False
     scaled = np.append(residuals / np.sqrt(1.0 + drift), moved)
     return excess_energy(scaled, np.maximum(freedom, 1.0), guards.noise_tolerance) <= guards.energy

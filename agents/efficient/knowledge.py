@@ -26,9 +26,8 @@ from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.misread import Misreading
-from coheft.estimation.moments.pose_steps import likeliest_pose_step
+from coheft.estimation.moments.pose_steps import ScoreDrift, likeliest_pose_step
 from coheft.estimation.moments.row_buffer import RowBuffer
-from coheft.estimation.moments.score_drift import ScoreDrift
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
 from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, UndeclaredError, undeclared_error
@@ -128,10 +127,11 @@ class Knowledge:
         """
         return 0 if self._first is None else self.buffer.number_at(self.buffer.count) - self._first
 
-    def posterior(self, missing: float = 0.0) -> Prior:
+    def posterior(self, missing: float) -> Prior:
         """Everything that is known, as a prior for another team, whose first row is so much later [s]."""
         self.bridge(missing)
-        return replace(self._chapter.posterior(self.fitted), is_after_gap=missing > self._guards.waiting)
+        prior = self._chapter.posterior(self.fitted, self._chapter.evaluation())
+        return replace(prior, is_after_gap=missing > self._guards.waiting)
 
     def undeclared_error(self) -> UndeclaredError | None:
         """Return the most significant sensor error with tolerance zero, or None; large teams look for fewer kinds."""

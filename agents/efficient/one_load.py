@@ -17,8 +17,7 @@ from coheft.estimation.moments.change import change_within_fit, error_by_step, w
 from coheft.estimation.moments.chapter import Chapter, EvidenceAt
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.moments import Moments, wrench_moments
-from coheft.estimation.moments.projected import ProjectedMoments
+from coheft.estimation.moments.moments import Moments, ProjectedMoments, wrench_moments
 
 
 class OneLoad:

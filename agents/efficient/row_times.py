@@ -12,8 +12,14 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
-from coheft.estimation.moments.flexing import flexing, flexing_margin
-from coheft.estimation.moments.rows import LONGEST, row_of_samples, row_with_rates, rows_per_block
+from coheft.estimation.moments.rows import (
+    LONGEST,
+    flexing,
+    flexing_margin,
+    row_of_samples,
+    row_with_rates,
+    rows_per_block,
+)
 from coheft.estimation.moments.sensor_errors import SensorErrors
 
 LARGE_TEAM, _MOST_TIMES = 32, 5

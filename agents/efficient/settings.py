@@ -9,10 +9,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from coheft.agents.efficient.row_times import RowTimes
-from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE, RowNoise
+from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.wire.config import AgentConfig
 
@@ -154,46 +153,6 @@ class Guards:
     distrusting: float = 1.5
 
     @property
-    def largest_surprise(self) -> float:
-        """Chi-square of a row's wrench."""
-        return chi_square_threshold(WRENCH_SIZE, self.surprise)
-
-    @property
-    def least_mass_surprise(self) -> float:
-        """Chi-square of the mass over several rows."""
-        return chi_square_threshold(1, self.mass_surprise)
-
-    @property
-    def largest_motion_misfit(self) -> float:
-        """Chi-square of a robot's motion over a stretch of rows."""
-        return chi_square_threshold(KINEMATICS_SIZE, self.misfit)
-
-    @property
-    def largest_wrench_misfit(self) -> float:
-        """Chi-square of the wrench over a stretch of rows."""
-        return chi_square_threshold(WRENCH_SIZE, self.misfit)
-
-    @property
-    def largest_offset(self) -> float:
-        """Chi-square of a sensor's offset, minus the three that chance alone gives."""
-        return chi_square_threshold(3, self.offset) - 3.0
-
-    @property
-    def least_mass_change(self) -> float:
-        """Chi-square of a change of the mass."""
-        return chi_square_threshold(1, self.mass)
-
-    @property
-    def least_small_step(self) -> float:
-        """Chi-square of a small step of the mass."""
-        return chi_square_threshold(1, self.small_step)
-
-    @property
-    def least_recent_step(self) -> float:
-        """Chi-square of a recent step of the mass."""
-        return chi_square_threshold(1, self.recent_step)
-
-    @property
     def lead(self) -> float:
         """Least margin of the likeliest cause's log ratio over all others."""
         return -math.log(self.mistaken)
@@ -202,11 +161,6 @@ class Guards:
     def doubt(self) -> float:
         """Log ratio of a change from which on nothing is valid."""
         return -math.log(self.doubted)
-
-    @property
-    def largest_contradiction(self) -> float:
-        """Chi-square of a robot's motion over a window."""
-        return chi_square_threshold(KINEMATICS_SIZE, self.contradiction)
 
 
 @dataclass(frozen=True)

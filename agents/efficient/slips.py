@@ -30,8 +30,7 @@ from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import EvidenceAt
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments
-from coheft.estimation.moments.slip_residuals import latest_start, log_ratio_to_knock
-from coheft.estimation.moments.suspects import LogRatios, log_ratios
+from coheft.estimation.moments.suspects import LogRatios, latest_start, log_ratio_to_knock, log_ratios
 from coheft.estimation.moments.unknowns import THETA
 
 _LEAST, _GROWTH = 5, 1.5

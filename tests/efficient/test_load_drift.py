@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient import load_drift
+from coheft.agents.efficient.acceptance import UndeclaredWatch
 from coheft.agents.efficient.causes import Causes
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
@@ -17,7 +18,6 @@ from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.slips import Suspicion
 from coheft.agents.efficient.stages import Stage
-from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise

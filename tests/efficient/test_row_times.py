@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient.row_times import OwnRows, RowTimes
-from coheft.estimation.moments.flexing import flexing, flexing_margin
-from coheft.estimation.moments.rows import row_of_samples, row_with_rates
+from coheft.estimation.moments.rows import flexing, flexing_margin, row_of_samples, row_with_rates
 from coheft.estimation.moments.sensor_errors import SensorErrors
 
 RATE, GYRO_VARIANCE = 500.0, 1e-5

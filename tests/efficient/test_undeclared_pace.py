@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.acceptance import UndeclaredWatch
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, RowNoise

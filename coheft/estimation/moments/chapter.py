@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from coheft.estimation.moments.derivatives import WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments
 from coheft.estimation.moments.fit_settings import FitSettings, Guess, expected_errors
-from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_derivatives, wrench_evidence
+from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import (
     EvaluatedMoments,
     Moments,
@@ -191,16 +192,16 @@ class Chapter:
     def end(self, estimate: Estimate, index: int) -> Prior:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior; return it."""
         of_all, of_load = self.buffer.begin_chapter(index)
-        evidence = evidence_of(estimate.body, evaluated_moments(estimate.body, of_all, of_load))
+        evidence = EvidenceAt(estimate.body).of(evaluated_moments(estimate.body, of_all, of_load))
         evidence = self._beyond_doubt(estimate, evidence)
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
         self.prior = self._prior_with(estimate, evidence, True)
         return self.prior
 
-    def posterior(self, estimate: Estimate, evaluate: EvaluateMoments | None = None) -> Prior:
+    def posterior(self, estimate: Estimate, evaluate: EvaluateMoments) -> Prior:
         """Return the posterior as a prior for another robot or team; ``evaluate`` may leave out rows."""
-        evidence = evidence_of(estimate.body, (self.evaluation() if evaluate is None else evaluate)(estimate.body))
+        evidence = EvidenceAt(estimate.body).of(evaluate(estimate.body))
         return self._prior_with(estimate, self._beyond_doubt(estimate, evidence))
 
     def _beyond_doubt(self, estimate: Estimate, evidence: Evidence) -> Evidence:
@@ -218,11 +219,6 @@ class Chapter:
         return Prior(estimate.state, estimate.guess, evidence, has_expectations)
 
 
-def evidence_of(body: BodyModel, moments: EvaluatedMoments) -> Evidence:
-    """Evidence of moments at a state with a load."""
-    return EvidenceAt(body).of(moments)
-
-
 class EvidenceAt:
     """Evidence at one state with a load: derivatives, and what noise adds per row, are computed once.
 
@@ -237,7 +233,10 @@ class EvidenceAt:
         self._body, self.factors = body, MotionFactors.at(body)
         self._motion_noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
         self._wrench_noise: Array | None = None
-        self._wrench_derivatives: WrenchDerivatives | None = None
+
+    @cached_property
+    def _wrench_derivatives(self) -> WrenchDerivatives:
+        return WrenchDerivatives.at(self._body, self.factors.derivatives)
 
     def of(self, moments: EvaluatedMoments) -> Evidence:
         """Evidence of motions and wrenches."""
@@ -252,8 +251,6 @@ class EvidenceAt:
         """Evidence of wrenches alone."""
         number = moments.number
         noise = None if self._wrench_noise is None else number * self._wrench_noise
-        if self._wrench_derivatives is None:
-            self._wrench_derivatives = wrench_derivatives(self._body, self.factors.derivatives)
         by_wrench = wrench_evidence(self._body, self._wrench_derivatives, moments, noise)
         if noise is None and number > 0.0:
             self._wrench_noise = by_wrench.noise / number

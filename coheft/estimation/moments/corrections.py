@@ -8,8 +8,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments import rows
-from coheft.estimation.moments.flexing import FLEXING_SIZE
-from coheft.estimation.moments.rows import RowNoise
+from coheft.estimation.moments.rows import FLEXING_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import RATES, SensorErrors
 
 

@@ -6,7 +6,10 @@
 ``own`` is by a robot's own pose and sensor errors; ``common`` is the derivative of the products of ``w``, to which all
 robots contribute, by any unknown. ``M`` is the spatial inertia, ``C`` the covariance of the fused ``(a, alpha)``, and
 ``found`` the change of the right side of its normal equations. Errors of sensors act on what a robot should read, not
-on what it reads: these regressors are as free of noise as the fused motion.
+on what it reads: these regressors are as free of noise as the fused motion. With the covariance ``P`` of the unknowns,
+predictions are uncertain by
+
+    cov(r_i) = J P J^T,    J = W_i^1/2 (D_i - B_i C found) psi,    D_i = own_i + predict_i[products] common
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import (
     FORCING,
@@ -26,6 +30,7 @@ from coheft.estimation.moments.body import (
     BodyModel,
     W,
     load_operator,
+    residual_covariance,
 )
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZE
 from coheft.estimation.moments.unknowns import POSE_SIZE, THETA
@@ -128,15 +133,9 @@ class WrenchDerivatives:
     common: Array
 
     @staticmethod
-    def at(body: BodyModel, motion: MotionDerivatives, root: Array) -> WrenchDerivatives:
-        """Compute those by all unknowns at the state of ``body``, which has a load.
-
-        Args:
-            body: Matrices at the state.
-            motion: Derivatives by the unknowns of the motion.
-            root: Whitens the residual, shape (6, 6).
-        """
-        unknowns, size = body.unknowns, len(body.unknowns.errors.wrench)
+    def at(body: BodyModel, motion: MotionDerivatives) -> WrenchDerivatives:
+        """Compute those by all unknowns at the state of ``body``, which has a load; ``motion`` are those of motions."""
+        root, unknowns, size = whitening(body), body.unknowns, len(body.unknowns.errors.wrench)
         local = np.zeros((body.count, unknowns.own, 6, size))
         local[:, :POSE_SIZE, :, :WRENCH_SIZE] = body.adjoint_derivatives()
         if unknowns.errors.count:
@@ -147,9 +146,9 @@ class WrenchDerivatives:
         return WrenchDerivatives._of(body, root, local, common)
 
     @staticmethod
-    def by_errors(body: BodyModel, motion: MotionDerivatives, root: Array, generators: Array) -> WrenchDerivatives:
+    def by_errors(body: BodyModel, motion: MotionDerivatives, generators: Array) -> WrenchDerivatives:
         """Compute those by sensor errors with these generators, by which ``motion`` are the derivatives."""
-        local = _wrenches_by_errors(body, generators)
+        root, local = whitening(body), _wrenches_by_errors(body, generators)
         return WrenchDerivatives._of(body, root, local, _forcing(body, motion, root))
 
     @staticmethod
@@ -158,6 +157,13 @@ class WrenchDerivatives:
         of_wrenches[:, :, :WRENCH_SIZE] = (root @ body.adjoints).swapaxes(0, 1)
         of_motion[:, FORCING] = -root @ load_operator(body.state.fitted_load)
         return WrenchDerivatives(of_wrenches.reshape(6, -1), of_motion, root @ local, common)
+
+
+def whitening(body: BodyModel) -> Array:
+    """Return the matrix (6, 6) that whitens the residual of the total wrench at a state with a load."""
+    weight = inverse_of(residual_covariance(body, body.state.fitted_load))
+    root: Array = np.asarray(np.linalg.cholesky(weight)).T.astype(np.float64)
+    return root
 
 
 def _wrenches_by_errors(body: BodyModel, generators: Array) -> Array:
@@ -172,3 +178,25 @@ def _forcing(body: BodyModel, motion: MotionDerivatives, root: Array) -> Array:
     by_found = root @ spatial_inertia(load[THETA]) @ body.accelerations.covariance
     by_products: Array = (root @ load_operator(load)[:, _FORCING_PRODUCTS]) @ motion.common
     return by_found @ motion.found - by_products
+
+
+def prediction_covariance(
+    body: BodyModel, derivatives: MotionDerivatives, covariance: Array, robot: int, psi: Array, change: Array
+) -> Array:
+    """Covariance of a robot's residuals by errors of the unknowns, in units of the noise, shape (12, 12).
+
+    The fused motion depends on the unknowns as well, which ``B_i C found`` accounts for. ``covariance`` (u, u) is that
+    of all unknowns, ``psi`` the motion (features,) or its mean over some rows, and ``change`` the same less the mean
+    of all rows, because mean residuals of twists are removed.
+    """
+    predict, own, of_team = body.predict[robot], derivatives.own[robot], derivatives.of_team
+    by_unknowns = np.zeros((len(of_team), rows.KINEMATICS_SIZE))
+    for part, motion in ((rows.TWIST, change), (rows.ACCELERATIONS, psi)):
+        fusion = body.twist if part is rows.TWIST else body.accelerations
+        found = of_team[:, FOUND_TWIST] if part is rows.TWIST else derivatives.found
+        by_unknowns[:, part] = -(found @ motion) @ (predict[part, fusion.part] @ fusion.covariance).T
+        by_unknowns[body.unknowns.of_robot(robot), part] += own[:, part] @ motion
+    by_unknowns[:, rows.ACCELERATIONS] += (derivatives.common @ psi) @ predict[rows.ACCELERATIONS, PRODUCTS].T
+    by_unknowns *= np.sqrt(body.weight[robot])
+    result: Array = by_unknowns.T @ covariance[: len(of_team), : len(of_team)] @ by_unknowns
+    return result

@@ -13,9 +13,10 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
+from coheft.estimation.moments.derivatives import WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
-from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_derivatives, wrench_evidence
+from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.unknowns import Flags, State
 
@@ -122,7 +123,7 @@ def fit_state(
             noise_of_motion = by_rows.noise
             if moments.wrench.number > 0.0:
                 by_wrench = wrench_evidence(
-                    body, wrench_derivatives(body, factors.derivatives), moments.wrench, noise_of_wrench
+                    body, WrenchDerivatives.at(body, factors.derivatives), moments.wrench, noise_of_wrench
                 )
                 by_rows, noise_of_wrench = by_rows + by_wrench, by_wrench.noise
         estimate, state, left = _step(body, by_rows, prior(body), settings, guess, anchor)

@@ -4,19 +4,22 @@
     wrench:  rho = sum_i Ad(g_i) u_i - X(psi) theta - offset,    information = sum D^T Sigma^-1 D
 
 Sums over rows are products of derivatives with moments, so no row is visited again. The known contribution of the noise
-of ``psi`` and of the wrenches to the moments is subtracted.
+of ``psi`` and of the wrenches to the moments is subtracted. An information is a product of two factors, so that parts
+of it can be computed without the rest:
+
+    information = left right^T,    and between own unknowns of robot i also own_left_i own_right_i^T
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
-from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel, residual_covariance
+from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel
 from coheft.estimation.moments.derivatives import (
     COMMON,
     FOUND,
@@ -26,9 +29,52 @@ from coheft.estimation.moments.derivatives import (
     WrenchDerivatives,
 )
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.factors import Factor
 from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
 from coheft.estimation.moments.unknowns import LOAD_SIZE, Indices
+
+
+class Factor(NamedTuple):
+    """A factor for m unknowns: k own ones of each robot, those of one robot after another, then common ones.
+
+    Attributes:
+        team: Parts for all unknowns, shapes (m, f).
+        own: Parts for robots' own unknowns that only meet those of the same robot, shapes (N, k, f).
+    """
+
+    team: tuple[Array, ...]
+    own: tuple[Array, ...]
+
+    @staticmethod
+    def of(team: Iterable[Array], own: Iterable[Array]) -> Factor:
+        """Of parts of which the last two axes become one, ``f``."""
+        return Factor(*(tuple(part.reshape(*part.shape[:-2], -1) for part in parts) for parts in (team, own)))
+
+    def times(self, right: Factor) -> Array:
+        """Compute the information between these m unknowns and m' others, shape (m, m')."""
+        result = _sum_of_products(self.team, right.team)
+        blocks = _sum_of_products(self.own, right.own)
+        count, own, others = blocks.shape
+        of_robots = result[: count * own, : count * others].reshape(count, own, count, others)
+        of_robots[range(count), :, range(count)] += blocks
+        return result
+
+    def groups_times(self, right: Factor, size: int) -> Array:
+        """Compute the information of each group of so many own unknowns, shape (N k / size, size, size).
+
+        Both factors have no common unknowns.
+        """
+        left, other = (
+            [part.reshape(-1, size, part.shape[-1]) for part in (*each.team, *each.own)] for each in (self, right)
+        )
+        return _sum_of_products(left, other)
+
+
+def _sum_of_products(left: Iterable[Array], right: Iterable[Array]) -> Array:
+    products = [one @ np.swapaxes(other, -1, -2) for one, other in zip(left, right, strict=True)]
+    result = products[0]
+    for product in products[1:]:
+        result += product
+    return result
 
 
 class Grams(NamedTuple):
@@ -44,15 +90,10 @@ def motion_evidence(
     moments: MotionMoments,
     noise: Array | None = None,
 ) -> Evidence:
-    """Evidence of motion sensors on all unknowns.
+    """Evidence of motion sensors on all unknowns, from factors and moments at the state of ``body``.
 
-    Means of twists are removed, so constant errors of gyros and velocities have no effect.
-
-    Args:
-        body: Matrices at the state.
-        factors: Factors there.
-        moments: Moments there.
-        noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
+    Means of twists are removed, so constant errors of gyros and velocities have no effect. ``noise`` is what that of
+    the regressors adds to the information (u, u), if it is known from a state nearby.
     """
     size, motion = body.unknowns.size, body.unknowns.motion_size
     score, information = np.zeros(size), np.zeros((size, size))
@@ -154,11 +195,7 @@ def wrench_evidence(
 ) -> Evidence:
     """Evidence of the total wrench on all unknowns; internal forces show the poses as well.
 
-    Args:
-        body: Matrices at the state, which has a load.
-        derivatives: Derivatives there, see ``wrench_derivatives``.
-        moments: Moments there.
-        noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
+    Derivatives and moments are those at the state of ``body``, which has a load; ``noise`` as in ``motion_evidence``.
     """
     clean = without_noise(body, moments)
     left, right = wrench_factors(body, derivatives, clean)
@@ -171,18 +208,6 @@ def wrench_evidence(
         noise = _symmetric(left.times(right))
     information = _symmetric(information)
     return Evidence.of_rows(wrench_score(derivatives, clean), information, noise, moments.number)
-
-
-def wrench_derivatives(body: BodyModel, motion: MotionDerivatives) -> WrenchDerivatives:
-    """Return derivatives of the whitened residual at a state with a load; ``motion`` are those of motion sensors."""
-    return WrenchDerivatives.at(body, motion, whitening(body))
-
-
-def whitening(body: BodyModel) -> Array:
-    """Return the matrix (6, 6) that whitens the residual of the total wrench at a state with a load."""
-    weight = inverse_of(residual_covariance(body, body.state.fitted_load))
-    root: Array = np.asarray(np.linalg.cholesky(weight)).T.astype(np.float64)
-    return root
 
 
 def without_noise(body: BodyModel, moments: WrenchMoments) -> WrenchMoments:

@@ -3,7 +3,13 @@
     G = sum x x^T,    at a state:  sum psi psi^T = E G E^T,    sum x psi^T = G E^T,    E = motion_map
 
 ``G`` does not depend on poses, so nothing has to be summed again when their estimates improve. ``RowMoments`` keeps all
-of ``G``; for large teams ``coheft.estimation.moments.projected`` keeps its projection at one state.
+of ``G``. ``ProjectedMoments``, for large teams, keep ``X * features + (6 N)^2`` numbers instead of ``X^2``: moments of
+extended rows with ``psi`` at one state, and of wrenches with each other. Rows obey ``T x = predicted @ psi`` up to
+their noise, so a constant matrix converts these to another state, without the rows:
+
+    psi(now) = (motion_map_then @ predicted_now)^-1 psi(then)
+
+It is close to the identity if poses were already known at the first state.
 """
 
 from __future__ import annotations
@@ -14,10 +20,13 @@ from typing import Protocol, Self
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.body import FORCING, FORCING_SIZE, BodyModel
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments import rows
+from coheft.estimation.moments.body import FORCING, FORCING_SIZE, MOTION_SIZE, PRODUCTS, PRODUCTS_BY_RATE, BodyModel, W
 from coheft.estimation.moments.rows import ROW_SIZE, WRENCH
-from coheft.estimation.moments.sensor_errors import ONE, SensorErrors
+from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES, SensorErrors
 from coheft.estimation.moments.unknowns import Indices
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 
 
 class Moments(Protocol):
@@ -189,3 +198,76 @@ def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion
         of_wrenches = of_wrenches + across + across.T + crossed[body.one, 0] * np.outer(constant, constant)
         with_motion = with_motion + np.outer(constant, crossed[body.one])
     return WrenchMoments(of_wrenches, with_motion, of_motion)
+
+
+def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
+    """Return the matrix that takes ``psi`` at one state to ``psi`` at another, shape (features, features)."""
+    predicted, gyros = now.predicted_rows(), now.state.gyros
+    read = np.eye(now.features)  # rows contain the gyro offset
+    read[W, 0] = gyros
+    read[PRODUCTS, W] = np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1)
+    read[PRODUCTS, 0] = pack_symmetric(np.outer(gyros, gyros))
+    parts = [rows.TWIST, rows.PRODUCTS]
+    if now.has_rates:
+        rates = slice(MOTION_SIZE, 2 * MOTION_SIZE)
+        read[rates, rates] = read[:MOTION_SIZE, :MOTION_SIZE]
+        read[rates, MOTION_SIZE] = 0.0
+        parts += [slice(RATES + part.start, RATES + part.stop) for part in parts]
+    for part in parts:
+        predicted[:, part] = predicted[:, part] @ read
+    if now.state.calibration is not None:
+        predicted = inverse_of(now.state.calibration) @ predicted
+    extended = [predicted[:, part].reshape(-1, now.features) for part in (slice(ROW_SIZE), slice(MORE, None))]
+    found = then.motion_map @ np.concatenate([extended[0], predicted[:1, ONE], extended[1]])
+    if now.has_rates:
+        found[MOTION_SIZE, MOTION_SIZE] = 1.0  # the rate of the constant, which is always 0
+    return inverse_of(found)
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedMoments:
+    """Moments projected at the state of ``body``.
+
+    Attributes:
+        body: The matrices at that state.
+        crossed: ``sum x psi^T``, shape (X, features).
+        wrenches: ``sum u u^T``, shape (w N, w N).
+    """
+
+    body: BodyModel
+    crossed: Array
+    wrenches: Array
+
+    @staticmethod
+    def of(extended_rows: Array, body: BodyModel) -> ProjectedMoments:
+        """Compute moments of extended rows (n, X), projected at a state."""
+        wrenches = extended_rows[:, wrench_indices(body.count, body.unknowns.errors)]
+        return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.motion_map.T), wrenches.T @ wrenches)
+
+    @staticmethod
+    def at(body: BodyModel, moments: Moments) -> ProjectedMoments:
+        """Project moments at a state; those that are projected at another state are converted."""
+        wrenches = moments.of_wrenches(wrench_indices(body.count, body.unknowns.errors))
+        return ProjectedMoments(body, moments.with_motion(body), wrenches)
+
+    def with_motion(self, body: BodyModel) -> Array:
+        """See ``Moments``."""
+        if body is self.body:
+            return self.crossed
+        result: Array = self.crossed @ motion_then_to_now(self.body, body).T
+        return result
+
+    def of_wrenches(self, indices: Indices) -> Array:
+        """See ``Moments``."""
+        return self.wrenches
+
+    def sums(self, one: int) -> Array:
+        """See ``Moments``."""
+        result: Array = self.crossed[:, 0]
+        return result
+
+    def __add__(self, other: ProjectedMoments) -> ProjectedMoments:
+        return ProjectedMoments(self.body, self.crossed + other.crossed, self.wrenches + other.wrenches)
+
+    def __sub__(self, other: ProjectedMoments) -> ProjectedMoments:
+        return ProjectedMoments(self.body, self.crossed - other.crossed, self.wrenches - other.wrenches)

@@ -15,8 +15,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE, BodyModel
-from coheft.estimation.moments.moments import Moments, RowMoments
-from coheft.estimation.moments.projected import ProjectedMoments
+from coheft.estimation.moments.moments import Moments, ProjectedMoments, RowMoments
 from coheft.estimation.moments.rows import WRENCH_SIZE
 
 LEAST_KEPT = 1024

@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
-from coheft.estimation.moments.flexing import FLEXING_SIZE
-from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, SLOPE, WRENCH, A, V, W
+from coheft.estimation.moments.rows import FLEXING_SIZE, PRODUCTS, ROW_SIZE, SLOPE, WRENCH, A, V, W
 from coheft.estimation.tolerance import SENSORS, SHAPES, SensorDrift, SensorTolerance
 
 ONE, RATES = ROW_SIZE, ROW_SIZE + 1

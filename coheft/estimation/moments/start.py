@@ -17,11 +17,11 @@ import numpy as np
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array, Pose, rotation_from_quaternion
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import CENTRIPETAL_OF_AXES, MOTION_SIZE, A, BodyModel, V, W
-from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
-from coheft.estimation.moments.likelihood import wrench_derivatives, wrench_evidence
+from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, WrenchMoments
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.unknowns import Flags, State
@@ -220,7 +220,7 @@ def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: Fit
     load = np.concatenate([np.zeros(6), guess.theta])
     body = settings.body(state.with_load(load))
     unknowns = body.unknowns
-    total = wrench_evidence(body, wrench_derivatives(body, MotionDerivatives.at(body)), moments) + settings.expected(
+    total = wrench_evidence(body, WrenchDerivatives.at(body, MotionDerivatives.at(body)), moments) + settings.expected(
         body
     )
     which = np.arange(unknowns.size)[unknowns.load if settings.has_offset else unknowns.theta]

@@ -4,12 +4,13 @@
 
 ``o`` are the unknowns of the fit, ``k`` the three parameters of one kind of error of one robot. The part that the fit's
 unknowns explain is projected out, so an error that looks like another pose or another load cannot be detected. Of gyros
-and of torques only the sum of all offsets shows; offsets of forces differ by their lever arms.
+and of torques only the sum of all offsets shows; offsets of forces differ by their lever arms. Delays show by how much
+the readings change from row to row, see ``late_sensor``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import chain
 from typing import NamedTuple
@@ -30,14 +31,14 @@ from coheft.estimation.moments.likelihood import (
     motion_grams,
     motion_score,
     noise_factors,
-    whitening,
     without_noise,
     wrench_factors,
     wrench_score,
 )
 from coheft.estimation.moments.moments import EvaluatedMoments
+from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, TWIST, WRENCH
 from coheft.estimation.moments.sensor_errors import DELAYS, KINDS, SensorErrors
-from coheft.estimation.moments.unknowns import Flags
+from coheft.estimation.moments.unknowns import Flags, Indices
 from coheft.estimation.tolerance import SENSORS
 
 KINDS_OF_ONE_ROBOT = (
@@ -146,9 +147,9 @@ class _Tests(NamedTuple):
         chosen = np.flatnonzero(np.transpose([_are_exact(body, name) for name in names]))
 
         tested = MotionDerivatives.by_errors(body, generators)
-        root, wrench = whitening(body), without_noise(body, moments.wrench)
-        wrench_fit = WrenchDerivatives.at(body, fit.derivatives, root)
-        wrench_tested = WrenchDerivatives.by_errors(body, tested, root, generators)
+        wrench = without_noise(body, moments.wrench)
+        wrench_fit = WrenchDerivatives.at(body, fit.derivatives)
+        wrench_tested = WrenchDerivatives.by_errors(body, tested, generators)
         score = motion_score(body, tested, moments.motion) + wrench_score(wrench_tested, wrench)
 
         left, right = wrench_factors(body, wrench_tested, wrench)
@@ -206,3 +207,59 @@ def _are_exact(body: BodyModel, kind: str) -> Flags:
 def _errors_of(kinds: tuple[str, ...]) -> SensorErrors:
     """Return errors of these kinds, of all robots."""
     return SensorErrors(dict.fromkeys(kinds, 1.0))
+
+
+def late_sensor(
+    body: BodyModel,
+    rows: Array,
+    numbers: Indices,
+    residuals: Callable[[Array], tuple[Array, Array]],
+    by_wrench: Array,
+    period: float,
+    false_alarm: float,
+) -> UndeclaredError | None:
+    """Return the most significant delay with tolerance zero, None if all are declared or there are too few rows.
+
+        s = sum_n d_n . r_n,    s^2 / sum_n |d_n|^2 ~ chi-square at most
+
+    ``r_n`` are the residuals of a row, ``d_n`` their derivative by the delay of one robot's sensors. A reading changes
+    per second as between the rows before and after, so the noise of ``d_n`` is independent of that of ``r_n``; where
+    residuals are corrected by rates, from samples of these two rows, the rows beside them are taken. What the fit's
+    unknowns explain of a delay is not projected out: rarely much, and the test only becomes less sensitive.
+
+    Args:
+        body: Matrices at the fit.
+        rows: Extended rows of the present load, shape (n, X).
+        numbers: Their numbers, shape (n,).
+        residuals: Gives those of rows, whitened: of the total wrench (n, 1, 6), and of motion sensors (n, N, 12).
+        by_wrench: Takes extended rows to the whitened residual of the total wrench, shape (6, X).
+        period: Duration of a row [s].
+        false_alarm: False-alarm probability for one delay.
+    """
+    errors, deviations, far = body.unknowns.errors, body.unknowns.deviations, 2 if body.has_rates else 1
+    is_tested = np.array([(deviations[:, errors.are(kind)] == 0.0).all(axis=1) for kind in DELAYS])  # shape (2, N)
+    between = numbers[2 * far :] - numbers[: -2 * far] == 2 * far
+    if not is_tested.any() or not between.any():
+        return None
+    count, size = body.count, body.one
+    change = (rows[2 * far :, :size] - rows[: -2 * far, :size])[between]
+    change = change.reshape(-1, count, ROW_SIZE) / (2.0 * far * period)
+    wrench, motion = residuals(rows[far:-far][between])
+
+    own = change[:, :, KINEMATICS]
+    if body.state.calibration is not None:
+        own = (body.state.calibration[:, KINEMATICS, :ROW_SIZE] @ change.transpose(1, 2, 0)).transpose(2, 0, 1)
+    of_motion = np.sqrt(body.weight) * own
+    of_motion[:, :, TWIST] -= of_motion[:, :, TWIST].mean(axis=0)  # as means of twists are removed
+    by_robot = by_wrench[:, :size].reshape(6, count, ROW_SIZE).transpose(1, 2, 0)
+    of_clock = (change.transpose(1, 0, 2) @ by_robot).transpose(1, 0, 2)
+    of_delay = (change[:, :, WRENCH].transpose(1, 0, 2) @ by_robot[:, WRENCH]).transpose(1, 0, 2)
+
+    by_motion = np.array([(of_motion * motion).sum(axis=(0, 2)), np.zeros(count)])
+    score = by_motion + [(each * wrench).sum(axis=(0, 2)) for each in (of_clock, of_delay)]
+    variance = np.array([np.square(of_motion).sum(axis=(0, 2)), np.zeros(count)])
+    variance += [np.square(each).sum(axis=(0, 2)) for each in (of_clock, of_delay)]
+    sizes = np.where(is_tested, score**2 / np.maximum(variance, 1e-300), 0.0) / chi_square_threshold(1, false_alarm)
+    kind, robot = np.unravel_index(int(sizes.argmax()), sizes.shape)
+    is_clear = count > 2 or DELAYS[kind] != "clock"  # two clocks differ, but which of them is off?
+    return UndeclaredError(int(robot) if is_clear else None, DELAYS[kind], float(sizes[kind, robot]))

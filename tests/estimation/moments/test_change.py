@@ -12,10 +12,10 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
 from coheft.estimation.moments.change import FALSE_ALARM, InformationMaps, StepThresholds, look_for_change, surprise
 from coheft.estimation.moments.chapter import Chapter
-from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.likelihood import wrench_derivatives, wrench_evidence
+from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.unknowns import THETA
@@ -152,7 +152,7 @@ def test_a_load_that_was_known_may_have_changed_before_the_very_first_row(is_kno
     team = make_team(seed=8, number=130)
     former = fit(team.noisy(np.random.default_rng(9))[:100])
     later = team.holding(heavier(team, 0.1)).expressed_in(team.poses[0])
-    body, prior = former.estimate.body, former.chapter.posterior(former.estimate)
+    body, prior = former.estimate.body, former.chapter.posterior(former.estimate, former.chapter.evaluation())
     rows = later.noisy(np.random.default_rng(10))[100 : 100 + number]
     views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
     known = Chapter(former.chapter.buffer, IDEAL, prior).prior_evidence(body)
@@ -175,7 +175,7 @@ def newest_evidence(found: Fitted, rows: Array) -> Evidence:
     body = found.estimate.body
     assert body.state.load is not None
     moments = wrench_moments(body, RowMoments.of(rows))
-    return wrench_evidence(body, wrench_derivatives(body, MotionDerivatives.at(body)), moments)
+    return wrench_evidence(body, WrenchDerivatives.at(body, MotionDerivatives.at(body)), moments)
 
 
 def surprises(share: float, seeds: int) -> list[float]:

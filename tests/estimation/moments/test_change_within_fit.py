@@ -10,9 +10,9 @@ import pytest
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import change_within_fit, error_by_step, windows
-from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.likelihood import wrench_derivatives, wrench_evidence
+from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
@@ -27,7 +27,7 @@ def wrenches(found: Fitted, rows: Array) -> Evidence:
     body = found.estimate.body
     assert body.state.load is not None
     moments = wrench_moments(body, RowMoments.of(rows))
-    return wrench_evidence(body, wrench_derivatives(body, MotionDerivatives.at(body)), moments)
+    return wrench_evidence(body, WrenchDerivatives.at(body, MotionDerivatives.at(body)), moments)
 
 
 def statistic(found: Fitted, rows: Array) -> float:

@@ -11,7 +11,7 @@ import pytest
 
 from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.chapter import Chapter, EvidenceAt, Prior, evidence_of
+from coheft.estimation.moments.chapter import Chapter, EvidenceAt, Prior
 from coheft.estimation.moments.fit import fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments
@@ -142,9 +142,9 @@ def test_all_that_is_known_is_the_sum_of_rows_and_of_what_was_known(kind: str) -
     settings = SETTINGS[kind]
     _, rows = erring(make_team(seed=8, number=200), settings, np.random.default_rng(9))
     found = in_chapters(rows, settings, [100])
-    prior, body = found.chapter.posterior(found.estimate), found.estimate.body
+    prior, body = found.chapter.posterior(found.estimate, found.chapter.evaluation()), found.estimate.body
     assert found.chapter.prior is not None
-    expected = evidence_of(body, found.chapter.evaluation()(body)) + found.chapter.prior.at(body)
+    expected = EvidenceAt(body).of(found.chapter.evaluation()(body)) + found.chapter.prior.at(body)
     for name, value in vars(expected).items():
         np.testing.assert_allclose(getattr(prior.evidence, name), value, rtol=1e-9, atol=1e-9 * np.abs(value).max())
     empty = Chapter(buffer_of(rows[:0], settings, 3), settings, prior)
@@ -161,7 +161,7 @@ def test_poses_that_tolerances_show_stay_seen_when_noisy_rows_become_a_prior() -
     found = fit(noisy_for(errors, team, np.random.default_rng(1), noise), settings)
     assert found.estimate.is_doubtful
     assert not found.estimate.misses_poses
-    prior = found.chapter.posterior(found.estimate)
+    prior = found.chapter.posterior(found.estimate, found.chapter.evaluation())
     chapter = Chapter(buffer_of(np.zeros((0, 3 * errors.row_size + 1)), settings, 3), settings, prior)
     evaluate, before = chapter.evaluation(), chapter.prior_evidence
     again = fit_state(found.estimate.state, evaluate, before, found.estimate.guess, settings, 0, most_steps=1)
@@ -170,7 +170,7 @@ def test_poses_that_tolerances_show_stay_seen_when_noisy_rows_become_a_prior() -
 
 def test_a_prior_moves_with_the_state() -> None:
     found = fit(make_team(seed=10).noisy(np.random.default_rng(11)))
-    prior, body = found.chapter.posterior(found.estimate), found.estimate.body
+    prior, body = found.chapter.posterior(found.estimate, found.chapter.evaluation()), found.estimate.body
     step = 1e-3 * np.random.default_rng(12).normal(size=body.unknowns.size)
     moved = IDEAL.body(body.state.moved(step, body.unknowns, 6.0))
     expected = prior.evidence.shifted(step)
@@ -182,7 +182,7 @@ def test_a_prior_moves_with_the_state() -> None:
 
 def test_a_prior_that_is_loosened_knows_less() -> None:
     found = fit(make_team(seed=13).noisy(np.random.default_rng(14)))
-    prior, unknowns = found.chapter.posterior(found.estimate), found.estimate.body.unknowns
+    prior, unknowns = found.chapter.posterior(found.estimate, found.chapter.evaluation()), found.estimate.body.unknowns
     free, limits = IDEAL.free(unknowns, 0, True), IDEAL.limits(3, found.estimate.guess)
     spread = found.estimate.covariance[unknowns.theta, unknowns.theta]
     loosened = prior.with_process_noise(unknowns.theta, spread)
@@ -198,7 +198,7 @@ def new_team(kind: str, members: list[int | None], seed: int) -> tuple[Fitted, S
     settings, rng = SETTINGS[kind], np.random.default_rng(seed)
     everyone = make_team(seed, count=4, number=200).expressed_in(make_team(seed, count=4).poses[0])
     former = fit(erring(carrying(everyone, [0, 1, 2]), settings, rng)[1], settings)
-    prior = former.chapter.posterior(former.estimate).for_team(members, settings, settings)
+    prior = former.chapter.posterior(former.estimate, former.chapter.evaluation()).for_team(members, settings, settings)
     robots = [3 if then is None else then for then in members]
     team = carrying(everyone, robots)
     rows = erring(team, settings, rng)[1][:40]
@@ -253,7 +253,7 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     settings = SETTINGS[kind]
     _, rows = erring(make_team(seed=16, count=4, number=150), settings, np.random.default_rng(17))
     found = fit(rows, settings)
-    prior = found.chapter.posterior(found.estimate)
+    prior = found.chapter.posterior(found.estimate, found.chapter.evaluation())
     fewer = prior.for_team([0, 3, None, 1], settings, settings)
     unknowns, size = found.estimate.body.unknowns, fewer.evidence
     own = unknowns.own
@@ -294,7 +294,7 @@ def test_a_body_without_a_load_has_no_wrench_to_speak_of() -> None:
     found = fit(team.noisy(np.random.default_rng(19)))
     body = IDEAL.body(found.estimate.state.with_load(None))
     with pytest.raises(ValueError, match="fit one first"):
-        evidence_of(body, found.chapter.evaluation()(body))
+        EvidenceAt(body).of(found.chapter.evaluation()(body))
 
 
 @EVERY
@@ -306,7 +306,7 @@ def test_noise_that_is_known_from_fewer_rows_is_that_of_all_rows(kind: str) -> N
     at_body = EvidenceAt(body)
     for end in (20, None, 40):
         moments = evaluation(end=end)(body)
-        for name, value in vars(evidence_of(body, moments)).items():
+        for name, value in vars(EvidenceAt(body).of(moments)).items():
             scale = np.abs(value).max()
             np.testing.assert_allclose(getattr(at_body.of(moments), name), value, rtol=1e-9, atol=1e-9 * scale)
 

@@ -15,9 +15,8 @@ from coheft.estimation.moments.body import (
     load_operator,
     residual_covariance,
 )
-from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives, prediction_covariance
 from coheft.estimation.moments.moments import wrench_indices
-from coheft.estimation.moments.predictions import prediction_covariance
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
@@ -181,7 +180,7 @@ def test_of_the_residual_of_the_wrench(count: int, errors: SensorErrors) -> None
     unknowns, load = body.unknowns, body.state.load
     assert load is not None
     root = np.linalg.cholesky(np.linalg.inv(residual_covariance(body, load))).T
-    found = WrenchDerivatives.at(body, MotionDerivatives.at(body), root)
+    found = WrenchDerivatives.at(body, MotionDerivatives.at(body))
     psi, wrenches = rows @ body.motion_map.T, calibrated_wrenches(body.state, rows)
     residual = wrenches @ found.of_wrenches.T + psi @ found.of_motion.T
     np.testing.assert_allclose(residual, rho(body, rows) @ root.T, atol=1e-8)
@@ -209,7 +208,7 @@ def test_nothing_of_the_wrench_depends_on_the_velocity(errors: SensorErrors) -> 
     body, _ = case(3, errors)
     assert body.state.load is not None
     derivatives = MotionDerivatives.at(body)
-    found = WrenchDerivatives.at(body, derivatives, np.eye(6))
+    found = WrenchDerivatives.at(body, derivatives)
     others = np.setdiff1d(np.arange(body.features), body.without_velocity)
     for each in (derivatives.common, derivatives.found, found.common, found.of_motion):
         assert not each[..., others].any()

@@ -7,8 +7,7 @@ import pytest
 
 from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.measurement import FORCE, GYRO, SensorNoise
-from coheft.estimation.moments.flexing import flexing, flexing_margin
-from coheft.estimation.moments.rows import RowNoise
+from coheft.estimation.moments.rows import RowNoise, flexing, flexing_margin
 
 PHASES = np.array([0.3, 1.7, 2.9])
 SIZES = pytest.mark.parametrize(("rate", "row"), [(1000.0, 20), (500.0, 10), (100.0, 2), (500.0, 50)])

@@ -7,12 +7,12 @@ import pytest
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.body import FORCING, BodyModel, residual_covariance
+from coheft.estimation.moments.derivatives import WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.likelihood import (
     MotionFactors,
     information_table,
     motion_evidence,
-    wrench_derivatives,
     wrench_evidence,
 )
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments
@@ -46,7 +46,7 @@ def evidence_of(body: BodyModel, moments: RowMoments) -> tuple[Evidence, Evidenc
     """Of the motion and of the wrench."""
     seen, factors = evaluated_moments(body, moments, moments), MotionFactors.at(body)
     return motion_evidence(body, factors, seen.motion), wrench_evidence(
-        body, wrench_derivatives(body, factors.derivatives), seen.wrench
+        body, WrenchDerivatives.at(body, factors.derivatives), seen.wrench
     )
 
 
@@ -208,7 +208,7 @@ def test_noise_of_regressors_may_be_given() -> None:
     again = motion_evidence(body, factors, seen.motion, 2.0 * by_motion.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_motion.noise)
     np.testing.assert_array_equal(again.information, by_motion.information)
-    again = wrench_evidence(body, wrench_derivatives(body, factors.derivatives), seen.wrench, 2.0 * by_wrench.noise)
+    again = wrench_evidence(body, WrenchDerivatives.at(body, factors.derivatives), seen.wrench, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.score, by_wrench.score)
 

@@ -9,6 +9,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, BodyModel
 from coheft.estimation.moments.moments import (
     MotionMoments,
+    ProjectedMoments,
     RowMoments,
     WrenchMoments,
     evaluated_moments,
@@ -17,7 +18,6 @@ from coheft.estimation.moments.moments import (
     wrench_indices,
     wrench_moments,
 )
-from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from tests.estimation.moments.moving_team import (

@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.moments import RowMoments, evaluated_moments, wrench_indices
-from coheft.estimation.moments.projected import ProjectedMoments, motion_then_to_now
+from coheft.estimation.moments.moments import (
+    ProjectedMoments,
+    RowMoments,
+    evaluated_moments,
+    motion_then_to_now,
+    wrench_indices,
+)
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns

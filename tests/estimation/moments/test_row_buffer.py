@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.moments.moments import RowMoments, evaluated_moments
-from coheft.estimation.moments.projected import ProjectedMoments
+from coheft.estimation.moments.moments import ProjectedMoments, RowMoments, evaluated_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from tests.estimation.moments.moving_team import LATE, body_at, make_team, with_rates
 from tests.estimation.moments.numbered_rows import SIZE, assert_moments, gram, row

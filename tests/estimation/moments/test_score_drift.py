@@ -8,8 +8,8 @@ import pytest
 from coheft.estimation.moments.chapter import EvidenceAt
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments
+from coheft.estimation.moments.pose_steps import ScoreDrift
 from coheft.estimation.moments.rows import ROW_SIZE, WRENCH, A, W
-from coheft.estimation.moments.score_drift import ScoreDrift
 from coheft.estimation.tolerance import SensorDrift
 from tests.estimation.moments.fitting import buffer_of
 from tests.estimation.moments.moving_team import NOISE, PERIOD, make_team

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coheft.estimation.moments.chapter import evidence_of
+from coheft.estimation.moments.chapter import EvidenceAt
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.likelihood import MotionFactors
 from coheft.estimation.moments.sensor_errors import KINDS, SensorErrors
@@ -35,7 +35,7 @@ def test_parts_are_those_of_the_whole(errors: SensorErrors) -> None:
     eta = np.zeros((3, every.count))
     calibration = every.step(eta) if state.calibration is None else state.calibration
     whole = replace(settings, errors=every).body(State(state.poses, eta, calibration, state.gyros, state.load))
-    evidence, unknowns = evidence_of(whole, found.chapter.evaluation()(whole)), whole.unknowns
+    evidence, unknowns = EvidenceAt(whole).of(found.chapter.evaluation()(whole)), whole.unknowns
     by_robot = np.hstack([unknowns.poses, unknowns.eta[:, own]])
     others = np.concatenate([by_robot.ravel(), np.arange(unknowns.gyros.start, unknowns.size)])
 

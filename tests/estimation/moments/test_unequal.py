@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.claims import found_errors
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.found_errors import found_errors
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, undeclared_error
@@ -102,7 +102,7 @@ def test_robots_that_leave_are_eliminated_with_what_each_of_them_declares(member
     former = fit(rows, SETTINGS)
     errors = SensorErrors(*(UNEQUAL.tolerances[robot] for robot in members), other_kinds=MIXED)
     settings = replace(SETTINGS, errors=errors)
-    prior = former.chapter.posterior(former.estimate)
+    prior = former.chapter.posterior(former.estimate, former.chapter.evaluation())
     fewer = prior.for_team(members, SETTINGS, settings)
     covariances = []
     for each, own, robots in ((prior, SETTINGS, members), (fewer, settings, list(range(len(members))))):
