@@ -87,12 +87,7 @@ _ROWS_TO_FIND = 3
 
 class Tolerances:
     """The tolerances that one team's fits assume: as declared, until the errors found exceed them twice in a row.
-
-    Args:
-        declared: Settings of fits with the declared tolerances.
-
-    Attributes:
-        settings: Settings of fits with the present ones.
+    ``settings`` are those of fits with the present ones.
     """
 
     def __init__(self, declared: FitSettings) -> None:

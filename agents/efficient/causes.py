@@ -11,9 +11,8 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.slips import Slip, State, Suspicion
-from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Event
-from coheft.agents.efficient.unnoticed import Unnoticed
+from coheft.agents.efficient.unnoticed import Unnoticed, UnnoticedStep
 from coheft.estimation.geometry.spatial import Array
 
 _RECENT = 32
@@ -65,12 +64,7 @@ class Causes:
         return self.changes if suspicion is None or is_certain else self.changes[: suspicion.changes]
 
     def load_drift(self, known: Knowledge, newest: int) -> LoadDrift | None:
-        """The drift of the present load, None if it does not drift.
-
-        Args:
-            known: Everything that is known.
-            newest: Number of the newest row.
-        """
+        """The drift of the present load at the newest row, of this number; None if it does not drift."""
         changes, theta = self.changes[self._forgotten :][-_RECENT:], known.theta
         return None if theta is None else LoadDrift.of(changes, theta[0], newest, self._rows.drifting)
 
@@ -81,14 +75,8 @@ class Causes:
             self._suspicion = None
 
     def suspect(self, known: Knowledge, index: int, newest: int, state: State, unnoticed: UnnoticedStep) -> None:
-        """Begin to compare causes: from the row at this index on load, motions or poses differ.
-
-        Args:
-            known: Everything that is known.
-            index: Index of the row in its buffer.
-            newest: Number of the newest row.
-            state: What has been noticed.
-            unnoticed: By how much the mass may have changed before.
+        """Begin to compare causes: from the row at this index on, as the newest one, of number ``newest``, shows,
+        motions or poses differ, or wrenches. ``unnoticed`` is by how much the mass may have changed before.
         """
         buffer = known.buffer
         first = int(buffer.numbers[index]) if index < buffer.count else newest
@@ -145,15 +133,10 @@ class Causes:
             suspicion.contradiction_ends(number)
 
     def decide(self, known: Knowledge, newest: int) -> tuple[Event, Knowledge | None] | None:
-        """Decide between the causes once one of them leads.
+        """Decide between the causes once one of them leads, after the newest row, of this number.
 
-        Args:
-            known: Everything that is known.
-            newest: Number of the newest row.
-
-        Returns:
-            ``SLIPPED`` and the knowledge with a slipped grasp; ``STARTED_OVER`` if it may have slipped before all rows
-            that are compared, or if it has been doubtful for too long what has changed; else None.
+        Return ``SLIPPED`` and the knowledge with a slipped grasp; ``STARTED_OVER`` if it may have slipped before all
+        rows that are compared, or if it has been doubtful for too long what has changed; else None.
         """
         suspicion, guards = self._suspicion, self._guards
         if suspicion is None:

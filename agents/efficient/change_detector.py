@@ -21,8 +21,8 @@ from coheft.agents.efficient.change_test_schedule import ChangeTestSchedule
 from coheft.agents.efficient.innovations import EvaluatedRow
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.small_steps import NO_STEP
 from coheft.agents.efficient.stages import Event
+from coheft.agents.efficient.unnoticed import NO_STEP
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.moments.change import SmallStep, StepThresholds
 from coheft.estimation.moments.fit import Estimate

@@ -51,12 +51,8 @@ class ChangeTestSchedule:
         self._paused_until = until
 
     def look_closely_after(self, first: int, news_at: int, number: int) -> None:
-        """Look after every row for a while, if what another robot has noticed at row ``first`` is news.
-
-        Args:
-            first: First row of the change.
-            news_at: First row of the newest change that this robot has noticed.
-            number: Number of the newest row.
+        """Look after every row for a while, if a change that another robot has noticed is news. ``first`` is its first
+        row, ``news_at`` that of the newest change that this robot has noticed, and ``number`` the newest row.
         """
         if first > max(news_at + self._rows.turn, self._news):
             self._news, self._closely_until = first, number + self._rows.turn

@@ -112,11 +112,8 @@ class Contradictions:
         self._sums[:] = 0.0
 
     def _worst(self, residuals: Array, uncertainty: Uncertainty) -> tuple[int, int] | None:
-        """Add residuals of a row.
-
-        Returns:
-            Of the worst contradiction, the index of the robot and the number of newest rows over which it shows; None
-            if there is none.
+        """Add residuals of a row. Return the robot of the worst contradiction, and the number of newest rows over which
+        it shows; None if there is none.
         """
         sums, largest = self._sums, self._largest
         sums[:-1] = sums[1:]

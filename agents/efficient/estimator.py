@@ -14,9 +14,9 @@ import numpy as np
 from coheft.agents.efficient.exchange import RowMessage
 from coheft.agents.efficient.judge import Outcome, Verdict
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.team import Team
+from coheft.agents.efficient.unnoticed import UnnoticedStep
 from coheft.agents.estimator import MOST_NOTICES, Belief, Channels, RowSigner, is_converged
 from coheft.consensus.gossip import Gossip
 from coheft.estimation.geometry.body_motion import relative_pose_derivative

@@ -32,13 +32,8 @@ _LARGEST = 1e6
 
 
 class Copy(NamedTuple):
-    """A row as a neighbour has sent it.
-
-    Attributes:
-        sender: Name of the neighbour.
-        robot: Index of the robot that has measured it.
-        number: Of the row.
-        row: In single precision.
+    """A row of this number, measured by the robot of this index, as the neighbour of this name has sent it, in single
+    precision.
     """
 
     sender: str
@@ -176,10 +171,8 @@ class Exchange:
         return RowMessage(self.team, news_at, labels, self._array(sent.values()))
 
     def complete(self, number: int) -> Array | None:
-        """Return the team's row of this number: the rows of all robots, the constant 1, and what follows rows.
-
-        Returns:
-            Shape (size N + 1,); None while a robot's is missing.
+        """Return the team's row of this number: the rows of all robots, the constant 1, and what follows rows, shape
+        (size N + 1,); None while a robot's is missing.
         """
         known = self._rows.get(number, {})
         if len(known) < self._count:

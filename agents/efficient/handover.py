@@ -49,13 +49,8 @@ def encode(team: int, prior: Prior, anchor: int) -> Array:
 
 
 def decode(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettings) -> tuple[Prior, int] | None:
-    """Decode a prior and the index of the anchor; None if the array cannot be right.
-
-    Args:
-        numbers: The array, all of it finite.
-        team: Number of this team.
-        count: Number of its robots.
-        settings: Settings of fits.
+    """Decode a prior and the index of the anchor from finite numbers; None if these cannot be right for a team of this
+    number, with ``count`` robots and these settings of fits.
     """
     unknowns, errors = Unknowns(count, settings.errors), settings.errors
     size, half = unknowns.size, unknowns.size * (unknowns.size + 1) // 2

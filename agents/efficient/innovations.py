@@ -38,12 +38,7 @@ ROWS_BEFORE = 100
 
 
 class Past(NamedTuple):
-    """Rows of earlier chapters.
-
-    Attributes:
-        rows: As how many rows their mean weighs.
-        mean: Their mean, an extended row (X,).
-    """
+    """Rows of earlier chapters: their mean, an extended row (X,), and as how many ``rows`` it weighs."""
 
     rows: float
     mean: Array
@@ -138,12 +133,8 @@ class Innovations:
         return MotionDerivatives.at(self._body)
 
     def motion_uncertainty(self, newest: Array, robot: int, rows: int) -> Array:
-        """Covariance of a robot's residuals by errors of the estimate and of mean residuals, shape (12, 12).
-
-        Args:
-            newest: The newest row, which is not in the buffer yet, shape (X,).
-            robot: Index of the robot.
-            rows: Number of newest rows over which residuals are averaged.
+        """Covariance of a robot's residuals, averaged over so many newest rows, by errors of the estimate and of mean
+        residuals, shape (12, 12). The newest of these rows, shape (X,), is not in the buffer yet.
         """
         count, body, past = self._buffer.count, self._body, self._until_now
         mean = (self._buffer.rows[max(0, count - rows + 1) : count].sum(axis=0) + newest) / rows

@@ -17,7 +17,6 @@ from coheft.agents.efficient.one_load import OneLoad
 from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
 from coheft.agents.efficient.row_times import LARGE_TEAM
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.change import likeliest_step, surprise
@@ -199,7 +198,9 @@ class Knowledge:
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._pages.rows_before)))
         return found
 
-    def forget_load(self, now: Estimate, index: int, has_changed: bool, least: int, unnoticed: UnnoticedStep) -> None:
+    def forget_load(
+        self, now: Estimate, index: int, has_changed: bool, least: int, step: tuple[int, Array] | None
+    ) -> None:
         """Discard the load, which has to be estimated from ``least`` rows from this index on; poses stay.
 
         Args:
@@ -208,12 +209,9 @@ class Knowledge:
             has_changed: Whether wrenches before fitted their load, and no sensor may have been off; else they have
                 misled the poses, too.
             least: Rows of the next fit.
-            unnoticed: The step of the mass that may have occurred before.
+            step: A step of theta that may have occurred before, see ``Chapter.end_of_load``.
         """
         chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
-        step, first = None, min(index, self.buffer.index_of(unnoticed.first))
-        if unnoticed.mass > 0.0:
-            step = first, unnoticed.covariance(now, self.one_load(now, index).error_by_step(first))
         chapter.end_of_load(now, index, has_changed and not now.misses_poses, step=step)
         if has_changed:  # poses stay, so rows need not be evaluated anew
             self.estimate = replace(now, body=self._settings.body(state))
@@ -222,15 +220,8 @@ class Knowledge:
         self._next_fit, self._pages.rows_before = least, 0  # a load that is known from few rows is fitted often
 
     def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
-        """If the load has changed as it drifts, keep it, less certainly, and fit it to the rows from this index on.
-
-        Args:
-            now: The fit to the rows before.
-            index: Of the first row after the change.
-            drift: The drift before.
-
-        Returns:
-            Whether it has.
+        """If the load has changed at this index as it drifts, keep it, less certainly, and fit it to the rows from
+        there on; return whether it has. ``now`` is the fit to the rows before.
         """
         noise = drift.process_noise(now, self.one_load(now, index).error_by_drift())
         newest = self.one_load(now).wrenches(index, self.buffer.count)
@@ -270,15 +261,11 @@ class Knowledge:
     def slipped(
         self, prior: Prior, robot: int, is_load: bool, rows: Iterable[tuple[int, Array]], past: Past, hidden: Flags
     ) -> Knowledge:
-        """Return the knowledge from a prior and the rows since, if a grasp has slipped in between.
+        """Return the knowledge from a prior and these rows with their numbers, if the grasp of a robot has slipped in
+        between.
 
-        Args:
-            prior: What was known before the slip.
-            robot: Index of the robot whose grasp has slipped.
-            is_load: Whether the load has changed as well; everything else stays the same.
-            rows: Numbers and rows after the slip.
-            past: Rows before the slip.
-            hidden: Which poses are unknown in the prior, shape (N,).
+        If ``is_load``, the load has changed as well; everything else stays the same. ``past`` are the rows before the
+        slip, and ``hidden`` (N,) says which poses are unknown in the prior.
         """
         unknowns = Unknowns(self._count, self._settings.errors)
         loosened = prior.with_process_noise(unknowns.poses[robot], np.diag(np.square(SLIP)))
@@ -307,22 +294,15 @@ class Knowledge:
         return result
 
     def surprise(self, index: int, now: Estimate) -> float:
-        """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
-
-        Args:
-            index: Of the first row of the other load.
-            now: The fit to the rows before.
+        """Return the statistic of a load change at this index over its threshold, by a fit to the rows before; allows
+        for all uncertainty.
         """
         newest = self.one_load(now).wrenches(index, self.buffer.count)
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
-        """Return a fit and the rows around it, to work out what a change of the load makes wrong in the fit.
-
-        Args:
-            estimate: The fit.
-            end: Index after the last row in question; None: up to now.
-            is_last: Whether the fit is that of the last call of ``fit``; otherwise it is to all rows before ``end``.
+        """Return a fit and the rows around it up to ``end``, or up to now, to work out what a change of the load makes
+        wrong in the fit. It is that of the last call of ``fit``, or if not ``is_last``, to all rows before ``end``.
         """
         buffer = self.buffer
         fitted, last = buffer.index_of(self._unfitted), buffer.count if end is None else end

@@ -45,12 +45,8 @@ class LoadChange(NamedTuple):
 
 
 class LoadDrift(NamedTuple):
-    """The drift of a load.
-
-    Attributes:
-        step: Change of the mass from one load to the next [kg].
-        rows: Number of rows in which it has changed so.
-        first: Number of the first of these rows.
+    """The drift of a load, whose mass has changed by ``step`` [kg] in so many rows, from the row of number ``first``
+    on.
     """
 
     step: float
@@ -87,11 +83,8 @@ class LoadDrift(NamedTuple):
         return square / _ALIKE < change * self.step < square * _ALIKE and rows <= _GONE_ON * self.rows
 
     def process_noise(self, now: Estimate, error_by_drift: Array) -> Array:
-        """Covariance (u, u) of the difference between a fit to the rows before another step and theta after it.
-
-        Args:
-            now: The fit.
-            error_by_drift: Its ``D``, shape (u, 10).
+        """Covariance (u, u) of the difference between a fit to the rows before another step and theta after it;
+        ``error_by_drift`` is the ``D`` of that fit, shape (u, 10).
         """
         theta, noise = now.body.unknowns.theta, spread_mass(now)
         result: Array = (_KEPT * self.step / self.rows) ** 2 * error_by_drift @ noise @ error_by_drift.T

@@ -21,13 +21,8 @@ from coheft.estimation.moments.moments import Moments, ProjectedMoments, wrench_
 
 
 class OneLoad:
-    """A fit with one load, and the rows around it.
-
-    Args:
-        estimate: The fit; it has a load.
-        chapter: Rows and prior.
-        fitted: Index of the first row that was not fitted.
-        end: Index after the last row in question.
+    """A fit with one load, and the rows around it. ``fitted`` is the index of the first row that was not fitted, and
+    ``end`` that after the last row in question.
     """
 
     def __init__(self, estimate: Estimate, chapter: Chapter, fitted: int, end: int) -> None:
@@ -65,10 +60,8 @@ class OneLoad:
         return self._stepped[1]
 
     def error_by_drift(self, missing: float = 0.0) -> Array:
-        """Derivative of the error at the last row in question by a drift of theta per row, shape (u, 10).
-
-        Args:
-            missing: Number of rows that are missing since.
+        """Derivative of the error at the last row in question by a drift of theta per row, shape (u, 10); so many rows
+        are missing since.
         """
         number, theta = self._chapter.buffer.number_at(self._end), self._estimate.body.unknowns.theta
         if self._drifted is None:

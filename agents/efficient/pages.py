@@ -23,14 +23,8 @@ _LONGEST_OF_DRIFT, _MATTERS_WITH_DRIFT = 2.0, 10.0
 
 
 class Pages:
-    """The pages of one robot's knowledge.
-
-    Args:
-        settings: Settings of fits.
-
-    Attributes:
-        length: Number of rows after which a page ends; 0 if there are no pages.
-        rows_before: Number of rows of earlier pages that matter for the interval between fits.
+    """The pages of one robot's knowledge. A page ends after ``length`` rows, 0 if there are none; ``rows_before`` rows
+    of earlier ones matter for the interval between fits.
     """
 
     def __init__(self, settings: FitSettings) -> None:
@@ -47,15 +41,10 @@ class Pages:
             self._begun = number
 
     def turn(self, rows: int, end: int, missing: float) -> float:
-        """End the page.
+        """End the page, and return its time [s].
 
-        Args:
-            rows: Number of its rows.
-            end: Number of the first row of the next page; rows from before a gap may be kept, and belong to both.
-            missing: Time without rows after the page [s].
-
-        Returns:
-            The time of the page [s].
+        It had so many rows, and for a time ``missing`` [s] there are none after it. ``end`` is the number of the first
+        row of the next page; rows from before a gap may be kept, and belong to both.
         """
         period, memory = self._settings.period, self._settings.memory
         begun = end if self._begun is None else self._begun

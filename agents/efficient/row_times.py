@@ -28,12 +28,7 @@ LARGE_TEAM, _MOST_TIMES = 32, 5
 
 @dataclass(frozen=True)
 class RowTimes:
-    """Which rows lie in which blocks.
-
-    Attributes:
-        block: Samples per block.
-        row: Samples per row, ``L``.
-    """
+    """Which rows lie in which blocks, of ``block`` samples each; a row has ``row`` of them, ``L``."""
 
     block: int
     row: int

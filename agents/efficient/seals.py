@@ -233,10 +233,8 @@ class Seals:
         return refused
 
     def check(self, block: int) -> int | None:
-        """Compare rows with seals, and remove those that are false, or have no seal in time.
-
-        Returns:
-            The first of the numbers in use whose rows are not all right; None if there is none.
+        """Compare rows with seals, and remove those that are false, or have no seal in time. Return the first of the
+        numbers in use whose rows are not all right; None if there is none.
         """
         distrusted = self._exchange.distrusted
         for pair in [pair for pair, since in distrusted.items() if block - since > self._distrust]:

@@ -17,14 +17,13 @@ from coheft.agents.efficient.acceptance import Acceptance
 from coheft.agents.efficient.causes import Causes
 from coheft.agents.efficient.change_detector import ChangeDetector
 from coheft.agents.efficient.contradictions import Contradictions, Use
-from coheft.agents.efficient.gaps import Gap
 from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.slips import State
 from coheft.agents.efficient.stages import STAGE_AFTER, Event, ResetMonitor, Stage
-from coheft.agents.efficient.unnoticed import Unnoticed
+from coheft.agents.efficient.unnoticed import Gap, Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.chapter import Prior
@@ -290,7 +289,8 @@ class Session:
         self._gap.load_begins(self._known.buffer.number_at(index))
         least = self._known.least * (1 if was_known else 2)  # else rows of a faulty sensor may be among them
         fitted = event is Event.LOAD_CHANGED and self.stage is not Stage.UNDECIDED  # else a sensor may have been off
-        self._known.forget_load(before, index, fitted, least, self._detector.step)
+        step = self._detector.step.before_change(self._known, before, index)
+        self._known.forget_load(before, index, fitted, least, step)
         self.stage = STAGE_AFTER[event]
         self._detector.settle()
 
@@ -304,9 +304,7 @@ class Session:
 
     def hand_over(self, missing: float) -> Prior | None:
         """Everything that is known, as the prior for another team of this robot; None if it cannot be relied upon.
-
-        Args:
-            missing: Time without rows until that team's first one [s].
+        ``missing`` is the time without rows until that team's first one [s].
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count:  # the newest rows have to be judged as well
             if self._look_for_change(self._newest) and self.stage is not Stage.ESTIMATING:

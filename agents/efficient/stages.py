@@ -43,10 +43,8 @@ STAGE_AFTER = {
 
 
 class ResetMonitor:
-    """Remembers when loads were forgotten: if again and again, poses may be wrong.
-
-    Args:
-        rows: How soon (``calm``) and for how long (``restless``) loads are forgotten again if something is wrong.
+    """Remembers when loads were forgotten: if soon again (``rows.calm``) and for long (``rows.restless``), poses may be
+    wrong.
     """
 
     def __init__(self, rows: RowCounts) -> None:

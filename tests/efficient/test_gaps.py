@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient.change_detector import ChangeDetector
-from coheft.agents.efficient.gaps import Gap
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.unnoticed import Gap
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.rows import ROW_SIZE, V
 from coheft.estimation.moments.unknowns import THETA

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient.knowledge import Knowledge
-from coheft.agents.efficient.small_steps import UnnoticedStep
-from coheft.agents.efficient.unnoticed import Unnoticed
+from coheft.agents.efficient.unnoticed import Unnoticed, UnnoticedStep
 from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.rigid_body.mass_properties import point_mass
 from tests.efficient.rows import LOAD, POSES, made_up_rows
@@ -54,7 +53,9 @@ def test_with_the_next_load_poses_do_not_keep_what_a_step_has_made_wrong() -> No
         found = session._known
         for number, row in enumerate(second, 60):
             found.buffer.add(number, row)
-        found.forget_load(found.fit(), 100, True, 15, UnnoticedStep(mass, 60))
+        before = found.fit()
+        step = UnnoticedStep(mass, 60).before_change(found, before, 100)
+        found.forget_load(before, 100, True, 15, step)
         for number, row in enumerate(third, 100):
             found.buffer.add(number, row)
         found.fit()

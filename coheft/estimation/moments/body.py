@@ -304,14 +304,8 @@ class BodyModel:
         return result
 
     def residuals(self, extended_rows: Array, motion: Array) -> Array:
-        """Return readings of all motion sensors less their predictions, in standard deviations.
-
-        Args:
-            extended_rows: Shape (n, X).
-            motion: ``psi`` of each row, without rates, shape (n, 19).
-
-        Returns:
-            Shape (n, 12 N), the sensors of a robot side by side.
+        """Return readings of all motion sensors less their predictions in standard deviations, those of a robot side by
+        side, shape (n, 12 N), from extended rows (n, X) and their ``psi`` without rates (n, 19).
         """
         predicted = motion @ self.predict.reshape(-1, MOTION_SIZE).T
         read = self.calibrated(extended_rows.T).transpose(2, 0, 1).reshape(predicted.shape)
@@ -319,13 +313,8 @@ class BodyModel:
         return result
 
     def calibrated(self, of_rows: Array) -> Array:
-        """Correct readings of motion sensors by the sensor errors of the state.
-
-        Args:
-            of_rows: Extended rows as columns, or their moments with k numbers, shape (X, k).
-
-        Returns:
-            The same of all robots' ``(w, v, a, slope)``, shape (N, 12, k).
+        """Correct readings of motion sensors by the sensor errors of the state: takes extended rows as columns, or
+        their moments with k numbers, shape (X, k), to those of all robots' ``(w, v, a, slope)``, shape (N, 12, k).
         """
         calibration, count = self.state.calibration, self.count
         by_robot = of_rows[: self.one].reshape(count, ROW_SIZE, -1)

@@ -107,11 +107,8 @@ class StepThresholds(NamedTuple):
 
 
 class SmallStep(NamedTuple):
-    """A small step of the mass.
-
-    Attributes:
-        first: Index of the first row after it.
-        error: Error of the estimated mass that it means [kg].
+    """A small step of the mass: the index of the first row after it, and the error of the estimated mass that it means
+    [kg].
     """
 
     first: int
@@ -164,10 +161,7 @@ def look_for_change(
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
     """Run the second test: return the statistic over its threshold, with the uncertainty of all unknowns.
 
-    Args:
-        newest: Evidence of the newest rows, around a fit to all others.
-        covariance: Covariance of all unknowns in that fit, shape (u, u).
-        theta: Slice of theta among the unknowns.
+    ``newest`` is evidence around a fit to all other rows, in which the unknowns have this covariance (u, u).
     """
     _, score, spread = _score_of(theta, newest, covariance)
     if len(score) == 0:
@@ -206,10 +200,8 @@ def error_by_step(newest: Evidence, inverse: Array, theta: slice) -> Array:
 
         x^ - x = (H^-1 H_k - E) step,    E = unit vectors of theta
 
-    Args:
-        newest: Evidence of the rows since the step that are in the fit.
-        inverse: Inverse ``H^-1`` of the information of that fit on all unknowns, shape (u, u).
-        theta: Slice of theta among the unknowns.
+    with the information ``H_k`` of the rows since the step that are in the fit, and the inverse ``H^-1`` (u, u) of its
+    own.
     """
     result: Array = inverse @ newest.information[:, theta] - np.eye(len(inverse))[:, theta]
     return result

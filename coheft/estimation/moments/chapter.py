@@ -113,12 +113,8 @@ class Prior:
 
 
 class Chapter:
-    """The present chapter of one robot.
-
-    Args:
-        buffer: Its rows.
-        settings: Settings of fits.
-        prior: Prior from earlier chapters, None if there were none.
+    """The present chapter of one robot: its rows, settings of fits, and the prior from earlier chapters, if there were
+    any.
     """
 
     def __init__(self, buffer: RowBuffer, settings: FitSettings, prior: Prior | None = None) -> None:
@@ -137,11 +133,8 @@ class Chapter:
         return evidence if self.prior.has_expectations else evidence + self._settings.expected(body)
 
     def evaluation(self, end: int | None = None, keeps_motion: bool = False) -> EvaluateMoments:
-        """Return a function that computes the chapter's moments at a state.
-
-        Args:
-            end: Leave out the rows from this index on.
-            keeps_motion: Leave out only the wrenches of these rows.
+        """Return a function that computes the chapter's moments at a state, without the rows from the index ``end`` on,
+        or if it ``keeps_motion``, without the wrenches of these.
         """
         of_all, of_load = self.buffer.moments()
         if end is not None:
@@ -220,13 +213,8 @@ class Chapter:
 
 
 class EvidenceAt:
-    """Evidence at one state with a load: derivatives, and what noise adds per row, are computed once.
-
-    Args:
-        body: Matrices at the state.
-
-    Attributes:
-        factors: Factors of the information of motion sensors.
+    """Evidence at one state with a load: derivatives (``factors`` of the information of motion sensors), and what noise
+    adds per row, are computed once.
     """
 
     def __init__(self, body: BodyModel) -> None:

@@ -63,11 +63,8 @@ class Evidence:
 
     @staticmethod
     def prior(deviations: Array, error: Array | None = None) -> Evidence:
-        """Evidence of independent Gaussians.
-
-        Args:
-            deviations: Standard deviations (u,); infinite ones carry no information.
-            error: Their means less the present value, shape (u,); None for zeros.
+        """Evidence of independent Gaussians with these standard deviations (u,), of which infinite ones carry no
+        information, and means that differ by ``error`` (u,) from the present value.
         """
         return Evidence.of_information(np.diag(deviations**-2.0), error)
 
@@ -105,11 +102,8 @@ class Evidence:
         return Evidence(self.score - self.information @ step, self.information, self.noise, self.doubt)
 
     def marginalized(self, indices: Indices, limits: Array) -> Evidence:
-        """Marginalize unknowns by a Schur complement; they keep their indices, without any information.
-
-        Args:
-            indices: Indices of the unknowns, shape (k,).
-            limits: See ``solve``, shape (k,).
+        """Marginalize the unknowns at indices (k,) by a Schur complement; they keep their indices, without any
+        information. For ``limits`` (k,), see ``solve``.
         """
         others = np.setdiff1d(np.arange(len(self.score)), indices)
         inverse = self.restricted(indices).solve(limits).inverse
@@ -139,12 +133,10 @@ class Evidence:
         return both.marginalized(step, np.full(changed, 2.0)).restricted(np.arange(size))
 
     def beyond_doubt(self, limits: Array) -> Evidence:
-        """Return the evidence without the directions in which its information may be noise alone.
+        """Return the evidence without the directions in which its information may be noise alone; ``limits`` (u,) are
+        units.
 
         To be called before a prior is added: the doubt about noisy rows would hide what the prior shows by itself.
-
-        Args:
-            limits: Units of the unknowns, shape (u,).
         """
         scale = np.outer(limits, limits)
         values, vectors = np.linalg.eigh(scale * (self.information + self.noise) + np.eye(len(limits)))

@@ -42,12 +42,10 @@ class BestResiduals(NamedTuple):
 
 
 def best_residuals(estimate: Estimate, settings: FitSettings, extended_rows: Array) -> BestResiduals:
-    """Find the best poses and load by Levenberg-Marquardt steps, and return what they leave.
+    """Find the best poses and load by Levenberg-Marquardt steps, and return what they leave of rows with that load (n,
+    X).
 
-    Args:
-        estimate: A fit with hidden poses and a load. Its motion and sensor errors are kept.
-        settings: Its settings.
-        extended_rows: Rows with that load (n, X).
+    The estimate is a fit with hidden poses and a load; its motion and sensor errors are kept.
     """
     body, unknowns, first = estimate.body, estimate.body.unknowns, estimate.state.fitted_load
     white = np.linalg.inv(np.linalg.cholesky(residual_covariance(body, first)))

@@ -267,13 +267,8 @@ def noise_factors(body: BodyModel, derivatives: WrenchDerivatives, number: float
 
 
 def information_table(weight: Array) -> Array:
-    """Return the map from Gram matrices (169,) of ``motion[FORCING]`` to the load's information (256,).
-
-    Args:
-        weight: Information of the residual of the total wrench in one row, shape (6, 6).
-
-    Returns:
-        Shape (169, 256).
+    """Return the map (169, 256) from Gram matrices of ``motion[FORCING]`` to the load's information, for the
+    information ``weight`` (6, 6) of the residual of the total wrench in one row.
     """
     size = len(REGRESSOR)
     flat = REGRESSOR.transpose(1, 0, 2).reshape(6, -1)

@@ -43,11 +43,8 @@ class Misfit:
 
 
 def worst_misfit(residuals: Array, drift: Array | float = 0.0) -> Misfit | None:
-    """Return the stretch of rows that fits worst, None if there are no rows.
-
-    Args:
-        residuals: In standard deviations, of n rows and s sources with d numbers each, shape (n, s, d).
-        drift: The diagonal of ``D``, shape (s, d) or (1, d).
+    """Return the stretch that fits worst of residuals (n, s, d) in standard deviations, of n rows and s sources, None
+    if there are no rows; ``drift`` is the diagonal of ``D``, shape (s, d) or (1, d).
     """
     worst: Misfit | None = None
     sums = np.zeros((len(residuals) + 1, *residuals.shape[1:]))
@@ -65,12 +62,8 @@ def worst_misfit(residuals: Array, drift: Array | float = 0.0) -> Misfit | None:
 
 
 def excess_energy(residuals: Array, freedom: float, tolerance: float) -> float:
-    """Return by how many standard deviations the sum of squared residuals exceeds its expectation.
-
-    Args:
-        residuals: In standard deviations, of any shape.
-        freedom: Degrees of freedom that the fit has left.
-        tolerance: The variance of the noise may exceed its nominal value by this share.
+    """Return by how many standard deviations the sum of squared residuals exceeds its expectation for these degrees of
+    freedom. The variance of the noise may exceed its nominal value by the share ``tolerance``.
     """
     expected = (1.0 + tolerance) * freedom
     return float((np.square(residuals).sum() - expected) / np.sqrt(2.0 * expected * (1.0 + tolerance)))
@@ -118,12 +111,8 @@ class KnownLoad:
 
 
 def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanations:
-    """Compare how well another load and an offset of a sensor explain wrenches.
-
-    Args:
-        body: Matrices at the state.
-        gram: Gram matrix of views ``(motion[FORCING], total wrench)`` of rows there, shape (19, 19).
-        assumed: The load that was known.
+    """Compare how well another load and an offset of a sensor explain wrenches, if the load ``assumed`` was known;
+    ``gram`` (19, 19) is the Gram matrix of views of rows at the state of ``body``.
     """
     maps = InformationMaps.of(body, assumed.load)
     (spread,), (vector,) = maps.sums(gram[None])

@@ -56,11 +56,8 @@ class Misreading(NamedTuple):
 
 
 class WrenchFit:
-    """Fits of a load to the wrenches of rows.
-
-    Args:
-        body: Matrices at a state whose poses do not depend on these wrenches.
-        extended_rows: Rows with one load, shape (n, X).
+    """Fits of a load to the wrenches of extended rows with one load (n, X), at poses of ``body`` that do not depend on
+    these.
     """
 
     def __init__(self, body: BodyModel, extended_rows: Array) -> None:
@@ -81,10 +78,8 @@ class WrenchFit:
             yield Misreading(None, _UNTARED, residuals, residuals.size - len(load))
 
     def misreadings(self, by: Array) -> Iterator[Misreading]:
-        """Yield the likeliest misreading by each robot, if the load then has a mass above zero.
-
-        Args:
-            by: The matrices ``D_k``: ``SCALE``, ``UNITS`` or ``AXES``.
+        """Yield the likeliest misreading by each robot, if the load then has a mass above zero; ``by`` are the matrices
+        ``D_k``.
         """
         for robot in range(self._body.count):
             read_otherwise = np.einsum("ab,kbc,nc->nak", self._body.adjoints[robot], by, self._own[:, robot])

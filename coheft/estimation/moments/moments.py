@@ -51,11 +51,7 @@ class Moments(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RowMoments:
-    """``G`` itself.
-
-    Attributes:
-        matrix: Shape (X, X).
-    """
+    """``G`` itself, shape (X, X)."""
 
     matrix: Array
 
@@ -226,12 +222,8 @@ def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ProjectedMoments:
-    """Moments projected at the state of ``body``.
-
-    Attributes:
-        body: The matrices at that state.
-        crossed: ``sum x psi^T``, shape (X, features).
-        wrenches: ``sum u u^T``, shape (w N, w N).
+    """Moments projected at the state of ``body``: ``crossed`` are ``sum x psi^T``, shape (X, features), and
+    ``wrenches`` are ``sum u u^T``, shape (w N, w N).
     """
 
     body: BodyModel

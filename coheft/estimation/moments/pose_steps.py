@@ -35,12 +35,8 @@ _WORTH_A_SEARCH, _SEARCHED = 0.4, 9
 
 
 class PoseStep(NamedTuple):
-    """The likeliest step of a pose.
-
-    Attributes:
-        first: Index of the first row after it.
-        robot: Index of the robot.
-        statistic: Statistic over its threshold.
+    """The likeliest step of a pose: the index of the first row after it, the robot, and the statistic over its
+    threshold.
     """
 
     first: int
@@ -49,12 +45,7 @@ class PoseStep(NamedTuple):
 
 
 class NewestRows:
-    """Evidence of newest rows at a fit to all rows.
-
-    Args:
-        estimate: The fit.
-        chapter: The rows.
-    """
+    """Evidence of the newest rows of a chapter at a fit to all of them."""
 
     def __init__(self, estimate: Estimate, chapter: Chapter) -> None:
         self._body, self._buffer, self._at_estimate = estimate.body, chapter.buffer, EvidenceAt(estimate.body)

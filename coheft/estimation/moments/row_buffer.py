@@ -69,10 +69,8 @@ class RowBuffer:
         return slice(self.start, self.count)
 
     def add(self, number: int, row: Array) -> tuple[int, bool]:
-        """Insert a row (X,) in the order of numbers.
-
-        Returns:
-            Its index, and whether the older half of all rows was dropped, in which case all indices have changed.
+        """Insert a row (X,) in the order of numbers. Return its index, and whether the older half of all rows was
+        dropped, in which case all indices have changed.
         """
         is_full = self.count == len(self.rows)
         if is_full:
@@ -153,11 +151,7 @@ class RowBuffer:
         return last
 
     def begin_chapter(self, index: int) -> tuple[Moments, Moments]:
-        """Forget all rows before this index.
-
-        Returns:
-            The moments of all forgotten rows, and of those of them with the present load.
-        """
+        """Forget all rows before this index; return their moments, and those of them with the present load."""
         everything, of_load = self.moments()
         newer = self.moments_since(index)
         self._former, self._load = None, newer

@@ -39,15 +39,11 @@ _LEVER_TERMS = np.concatenate([CROSS_OF_AXES, CENTRIPETAL_OF_AXES.transpose(2, 1
 
 
 def first_poses(moments: RowMoments, known: State, settings: FitSettings, is_unknown: Flags) -> State:
-    """Compute unknown poses, each from the motion sensors of that robot and the motion of those whose pose is known.
+    """Compute unknown poses, each from the motion sensors of that robot and the motion of those whose pose is known, at
+    least one.
 
     Robots that have no sensor in common with these, but with others, come later: then the others' poses are known.
-
-    Args:
-        moments: Moments of rows.
-        known: A state with the poses of all other robots, of one at least.
-        settings: Settings of the fit.
-        is_unknown: Whether each robot's pose is unknown, shape (N,).
+    ``is_unknown`` (N,) says which poses are unknown.
     """
     left, has = is_unknown.copy(), np.isfinite(settings.noise.kinematics[:, [rows.V.start, rows.A.start]])
     has = np.broadcast_to(has, (len(left), 2))
@@ -75,13 +71,8 @@ class _Sensor(NamedTuple):
 
 
 class _Motion:
-    """Moments of the motion that robots with known poses measure, and of all rows.
-
-    Args:
-        moments: Moments of rows.
-        known: A state with the poses of these robots.
-        settings: Settings of the fit.
-        is_unknown: Whether each robot's pose is unknown, shape (N,).
+    """Moments of the motion that robots with known poses measure, and of all rows; ``is_unknown`` (N,) says which are
+    not.
     """
 
     def __init__(self, moments: RowMoments, known: State, settings: FitSettings, is_unknown: Flags) -> None:
@@ -182,16 +173,8 @@ def poses_by_motion(
     settings: FitSettings,
     anchor: int,
 ) -> State:
-    """Return the state without a load, its unknown poses computed in closed form, then fitted to the motion alone.
-
-    Args:
-        state: A state with the known poses.
-        is_unknown: Whether each robot's pose is unknown, shape (N,).
-        kept: Moments of rows for the closed form.
-        evaluate: Moments that are fitted to, at a state.
-        prior: Prior evidence at a state.
-        settings: Settings of the fit.
-        anchor: Index of the robot whose pose stays fixed.
+    """Return the state without a load, its unknown poses computed in closed form from ``kept`` moments, then fitted to
+    the motion alone, for which see ``fit_state``.
     """
     state = first_poses(kept, state, settings, is_unknown).with_load(None)
     guess = Guess.of(settings.body(state), kept)
@@ -209,14 +192,7 @@ def _likeliest_rotation(profile: Array) -> Array:
 
 
 def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: FitSettings) -> State:
-    """Return the state with wrench offset and load by least squares at its poses.
-
-    Args:
-        state: The state with poses and sensor errors.
-        moments: Moments of wrenches at this state.
-        guess: Guess of theta.
-        settings: Settings of fits.
-    """
+    """Return the state with wrench offset and load by least squares at its poses, from moments of wrenches there."""
     load = np.concatenate([np.zeros(6), guess.theta])
     body = settings.body(state.with_load(load))
     unknowns = body.unknowns

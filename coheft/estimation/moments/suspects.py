@@ -64,11 +64,8 @@ class LogRatios(NamedTuple):
 
 
 class _White(NamedTuple):
-    """The score, whitened by its covariance without a change.
-
-    Attributes:
-        score: Shape (k,).
-        by_change: Its derivative by a change of each unknown, shape (k, u).
+    """The score (k,), whitened by its covariance without a change, and its derivative by a change of each unknown, (k,
+    u).
     """
 
     score: Array
@@ -98,14 +95,8 @@ class _White(NamedTuple):
 
 
 def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Guess, with_both: bool = True) -> LogRatios:
-    """Compute the log ratios of all causes.
-
-    Args:
-        body: Matrices at the state of a fit to older rows.
-        newest: Evidence of the newest rows there.
-        covariance: Covariance of all unknowns in that fit, shape (u, u).
-        guess: Guess of the load.
-        with_both: Whether to compute ``slips_with_load``.
+    """Compute the log ratios of all causes, but ``slips_with_load`` only if asked for, from evidence of the newest rows
+    at the state of ``body``: that of a fit to older rows, in which the unknowns have this covariance (u, u).
     """
     white, every, unknowns = _White.of(body, newest, covariance), np.eye(body.unknowns.size), body.unknowns
     offsets = [
@@ -123,14 +114,10 @@ def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Gues
 
 
 def latest_start(before: Estimate, after: Estimate, rows: Array, mean: Array, lead: float) -> int:
-    """Return the index of the last row that may well be the first one after a slip.
+    """Return the index of the last of rows (n, X) that may well be the first one after a slip: none is likelier by the
+    log ratio ``lead``, by the estimates before and after the slip.
 
-    Args:
-        before: The estimate before the slip.
-        after: The estimate after it.
-        rows: Rows of the team, shape (n, X).
-        mean: Mean residuals of motion sensors, in units of their noise, shape (12 N,).
-        lead: Log ratio by which another row has to be likelier.
+    ``mean`` (12 N,) are mean residuals of motion sensors, in units of their noise.
     """
     of_before, of_after = (_squares(estimate, rows, mean) for estimate in (before, after))
     ratios = np.cumsum(0.5 * (of_before - of_after)[::-1])[::-1]  # if each row is the first one

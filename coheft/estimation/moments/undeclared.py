@@ -56,12 +56,9 @@ _LATE = 0.002
 
 
 class UndeclaredError(NamedTuple):
-    """A sensor error with tolerance zero, and how much the rows show it.
-
-    Attributes:
-        robot: Index of the robot, None if it may be any.
-        kind: One of ``KINDS``, or ``gyro_bias``, ``force_bias`` or ``torque_bias``.
-        size: Statistic over its threshold.
+    """A sensor error with tolerance zero, and how much the rows show it: ``size`` is its statistic over the threshold,
+    ``kind`` one of ``KINDS``, or ``gyro_bias``, ``force_bias`` or ``torque_bias``; any robot may have it if ``robot``
+    is None.
     """
 
     robot: int | None

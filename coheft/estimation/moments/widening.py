@@ -24,12 +24,8 @@ _OFFSETS = ("force_offset", "torque_offset", "gyro_offset")
 
 
 def widened(estimate: Estimate, present: FitSettings, declared: FitSettings) -> FitSettings | None:
-    """Return settings with wider tolerances, None if no tolerance may grow.
-
-    Args:
-        estimate: Fit of which the sensor errors are too large.
-        present: Settings of that fit.
-        declared: Settings with the declared tolerances.
+    """Return settings of fits with wider tolerances than the present ones, None if none may grow beyond those declared;
+    the estimate is a fit of which the sensor errors are too large.
     """
     factors, is_wider = dict[str, float](), False
     for kind, squares in _squares(estimate, present).items():
