@@ -116,17 +116,10 @@ class Tolerances:
 
 
 class Acceptance:
-    """Accepts one team's fits or not.
+    """Accepts one team's fits or not, by settings with the declared tolerances.
 
-    Args:
-        settings: Settings of fits with the declared tolerances.
-        guards: Thresholds.
-        rows: For how many rows a cause may stay undecided, and undeclared errors last.
-
-    Attributes:
-        verdict: Verdict on the last fit.
-        tolerances: Tolerances that fits assume.
-        undeclared: Undeclared errors that fits show.
+    ``verdict`` is that on the last fit, ``tolerances`` are those that fits assume, and ``undeclared`` watches the
+    undeclared errors that they show.
     """
 
     def __init__(self, settings: FitSettings, guards: Guards, rows: RowCounts) -> None:
@@ -147,17 +140,11 @@ class Acceptance:
             self._load_before = before
 
     def judge(self, known: Knowledge, estimate: Estimate, is_new: bool, age: int, drifts: bool) -> tuple[Event, int]:
-        """Judge a fit to all rows.
+        """Judge a fit to all rows; return what follows, and the index of the first row from which to estimate the load
+        anew after ``MISFIT``, or after a change of pose.
 
-        Args:
-            known: Rows and knowledge.
-            estimate: The fit.
-            is_new: Whether the load is fitted for the first time.
-            age: Number of rows of the load.
-            drifts: Whether the load drifts, which looks like an undeclared error.
-
-        Returns:
-            What follows, and after ``MISFIT`` the index of the first row from which to estimate the load anew.
+        If ``is_new``, the load is fitted for the first time; ``age`` is its number of rows. A load that drifts looks
+        like an undeclared error.
         """
         end = known.buffer.count
         self.verdict = known.judge(self._load_before)

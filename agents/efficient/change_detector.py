@@ -110,6 +110,7 @@ class ChangeDetector:
 
     Attributes:
         schedule: When a look is due.
+        confirmation: Whether the load is to be confirmed.
         step: The step of the mass that may not have been noticed yet.
     """
 
@@ -121,12 +122,12 @@ class ChangeDetector:
     def begin(self) -> None:
         """Start again with other knowledge."""
         self.schedule.begin()
-        self.step, self._confirmation = NO_STEP, Confirmation(self._rows)
+        self.step, self.confirmation = NO_STEP, Confirmation(self._rows)
         self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since
 
     def confirm(self, since: int) -> None:
         """From this row on, the load may be another one, until new rows confirm it; looks are of use again."""
-        self._confirmation.begin(since)
+        self.confirmation.begin(since)
         self.schedule.pause(until=-1)
         self._is_likely = False
 
@@ -138,34 +139,24 @@ class ChangeDetector:
     def settle(self) -> None:
         """What was detected has been dealt with: the present load is that of the newest rows."""
         self.schedule.found()
-        self._confirmation.end()
+        self.confirmation.end()
         self._is_likely = False
-
-    @property
-    def is_confirmed(self) -> bool:
-        """Whether new rows have confirmed the load."""
-        return not self._confirmation.is_open
-
-    @property
-    def distrusts_wrenches(self) -> bool:
-        """Whether new wrenches may be of another load, and are left out of fits."""
-        return self._confirmation.distrusts_wrenches
 
     def is_due(self, number: int, row: EvaluatedRow) -> bool:
         """Whether to look after a row."""
-        return self.schedule.is_due(number, row) or self._confirmation.is_open or self._is_likely
+        return self.schedule.is_due(number, row) or self.confirmation.is_open or self._is_likely
 
     def fit(self, known: Knowledge) -> Estimate:
         """Fit to all rows, but without wrenches that may be of another load."""
-        if not self._confirmation.distrusts_wrenches:
+        if not self.confirmation.distrusts_wrenches:
             return known.fit()
-        return known.fit(end=known.buffer.index_of(self._confirmation.since), keeps_motion=True)
+        return known.fit(end=known.buffer.index_of(self.confirmation.since), keeps_motion=True)
 
     def look(self, known: Knowledge, number: int) -> Detected | None:
         """Look for another load after the newest row, of this number; the load is known."""
         if self.schedule.is_paused(number):
             return None
-        buffer, confirmation = known.buffer, self._confirmation
+        buffer, confirmation = known.buffer, self.confirmation
         if known.misses_poses and confirmation.is_open:
             if buffer.count < known.least:  # too few rows to find them
                 return None
@@ -238,14 +229,14 @@ class ChangeDetector:
 
         Others are left out for a while; if they fit badly for too long, the load fits no more.
         """
-        buffer, since = known.buffer, known.buffer.index_of(self._confirmation.since)
+        buffer, since = known.buffer, known.buffer.index_of(self.confirmation.since)
         kept = min(index, since)
         before = known.fit(end=kept, keeps_motion=True)
         index = buffer.start + known.innovations.look_for_change().first
         surprise = known.surprise(index, before)
         if surprise > 1.0:
             return Detected(Event.LOAD_CHANGED, kept, before, surprise)
-        if self._confirmation.fits_badly(number):
+        if self.confirmation.fits_badly(number):
             return Detected(Event.MISFIT, since, before)
         self._refine(known, number)
         return None

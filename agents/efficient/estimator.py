@@ -20,7 +20,6 @@ from coheft.agents.efficient.unnoticed import UnnoticedStep
 from coheft.agents.estimator import MOST_NOTICES, Belief, Channels, RowSigner, is_converged
 from coheft.consensus.gossip import Gossip
 from coheft.estimation.geometry.body_motion import relative_pose_derivative
-from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.moments.claims import Claim, claim_of, found_errors
@@ -167,7 +166,9 @@ class EfficientEstimator:
         if self._lacks is not None:
             self._team = None
             return
-        identities, start = self._identities(sorted(graph)), max(index, self._gossip.changed_at)
+        # A robot that has restarted, or has let go in between, is another one.
+        records, start = [self._gossip.records[each] for each in sorted(graph)], max(index, self._gossip.changed_at)
+        identities = [(record.robot, record.incarnation, record.since) for record in records]
         self._team = Team(identities, membership, graph, start, self._config, self._guards, self._signer)
         if last is not None:
             self._hand_over(last, self._team)
@@ -184,28 +185,17 @@ class EfficientEstimator:
         if anchor is not None:  # else all have let go and grasped the load again since
             team.begin(known.for_team(indices, last.settings, team.settings), anchor, newcomers)
 
-    def _identities(self, names: list[str]) -> list[tuple[str, int, int]]:
-        """Name, incarnation and first block of each robot: they differ if it has restarted or let go in between."""
-        records = [self._gossip.records[name] for name in names]
-        return [(record.robot, record.incarnation, record.since) for record in records]
-
     def _notices(self, team: Team) -> tuple[LoadChangeNotice, ...]:
-        start, times = self._config.start_of, team.times
-        found = list(zip(team.noticed, team.session.causes.certain_changes, strict=False))
-        new = (
-            LoadChangeNotice(start(noticed + 1), start(times.first_block(change.first)))
-            for noticed, change in found[-MOST_NOTICES:]
-        )
+        start, first_block = self._config.start_of, team.times.first_block
+        found = zip(team.noticed, team.session.causes.certain_changes, strict=False)
+        new = (LoadChangeNotice(start(noticed + 1), start(first_block(change.first))) for noticed, change in found)
         return (*self._former_changes, *new)[-MOST_NOTICES:]
 
     def _slips(self, team: Team) -> tuple[SlipNotice, ...]:
-        start, times = self._config.start_of, team.times
-        found = list(zip(team.noticed_slips, team.session.causes.slips, strict=True))
+        start, first_block = self._config.start_of, team.times.first_block
         new = (
-            SlipNotice(
-                team.names[slip.robot], start(noticed + 1), start(named + 1), start(times.first_block(slip.first))
-            )
-            for (noticed, named), slip in found[-MOST_NOTICES:]
+            SlipNotice(team.names[slip.robot], start(noticed + 1), start(named + 1), start(first_block(slip.first)))
+            for (noticed, named), slip in zip(team.noticed_slips, team.session.causes.slips, strict=True)
         )
         return (*self._former_slips, *new)[-MOST_NOTICES:]
 
@@ -227,6 +217,7 @@ class EfficientEstimator:
             covariance = derivative @ estimate.covariance[np.ix_(indices, indices)] @ derivative.T
             poses[name] = UncertainPose(state.poses[own].inverse() @ state.poses[other], covariance)
         payload, errors = _payload(claim), found_errors(estimate, own, team.settings.errors)
+        to_first, every = state.poses[0].inverse(), zip(team.names, state.poses, strict=True)
         return Belief(
             phase="poses" if payload is None and claim.hidden_poses.any() else "inertia",
             converged=payload is not None and is_converged(payload, self._config.converged),
@@ -236,7 +227,7 @@ class EfficientEstimator:
             load_changes=self._notices(team),
             slips=self._slips(team),
             sensor_errors=tuple(SensorErrorEstimate(*each) for each in errors),
-            grasps={} if claim.hidden_poses.any() else _in_first(team.names, state.poses),
+            grasps={} if claim.hidden_poses.any() else {name: to_first @ pose for name, pose in every},
         )
 
 
@@ -263,12 +254,6 @@ def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> tuple[str,
     sensor, _, what = found.kind.partition("_")
     words = {"bias": "have an offset", "mounting": "be turned", "scale": "have another scale", "delay": "be late"}
     return f"the {SENSOR_NAMES.get(sensor, sensor)} of {whose}", words.get(what, "be elsewhere")
-
-
-def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:
-    """Return poses in the grasp frame of the team's first robot, by name."""
-    to_first = poses[0].inverse()
-    return {name: to_first @ pose for name, pose in zip(names, poses, strict=True)}
 
 
 def _payload(claim: Claim) -> PayloadEstimate | None:

@@ -62,15 +62,10 @@ class EvaluatedRow(NamedTuple):
 
 
 class Innovations:
-    """Evaluates rows at an estimate, and tests those that are kept for a change.
+    """Evaluates rows at an estimate, and tests those that are kept for a change. The views in the chapter's buffer are
+    replaced by those at this estimate.
 
-    Args:
-        estimate: The estimate.
-        chapter: Its rows and prior; the views in its buffer are replaced by those at this estimate.
-        past: Rows of earlier chapters, None if there were none.
-
-    Attributes:
-        mean_residuals: Mean residuals of all gyros and velocity sensors, in standard deviations, shape (12 N,).
+    ``mean_residuals`` are those of all gyros and velocity sensors, in standard deviations, shape (12 N,).
     """
 
     def __init__(self, estimate: Estimate, chapter: Chapter, past: Past | None = None) -> None:

@@ -72,14 +72,8 @@ def judge(
 ) -> Verdict:
     """Judge a fit by its residuals.
 
-    Args:
-        estimate: The fit.
-        innovations: Evaluates rows at this fit.
-        buffer: Rows.
-        guards: Thresholds.
-        settings: Settings of the fit.
-        drift: Variance by which motion sensors may have drifted, in units of the noise, shape (N, 12) or (1, 12).
-        load_before: The load before the last change, while a faulty sensor may still explain that change; else None.
+    Motion sensors may have drifted by the variance ``drift`` (N, 12) or (1, 12), in units of the noise. ``load_before``
+    is the load before the last change, while a faulty sensor may still explain that change; else None.
     """
     assumed = KnownLoad(estimate.state.fitted_load) if load_before is None else load_before
     first = max(0, buffer.count - _JUDGED)

@@ -106,17 +106,7 @@ class SealTimes:
 
 
 class Seals:
-    """One robot's seals of its team's rows, and the comparison of these rows with them.
-
-    Args:
-        names: Names of the robots.
-        own: Index of this robot.
-        start: Number of the team's first row.
-        exchange: Rows in transit.
-        times: Times of rows.
-        seal_times: When seals are made and expected.
-        signer: Signs and checks.
-    """
+    """One robot's seals of its team's rows from the number ``start`` on, and the comparison of these rows with them."""
 
     def __init__(
         self,

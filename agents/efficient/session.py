@@ -200,7 +200,7 @@ class Session:
     def _fit_and_judge(self) -> None:
         """Fit, then judge the fit."""
         estimate = self._detector.fit(self._known)
-        if self._detector.distrusts_wrenches:
+        if self._detector.confirmation.distrusts_wrenches:
             return
         is_new, age = self.stage is Stage.GATHERING, self._newest - self.causes.changed_at
         event, index = self._acceptance.judge(self._known, estimate, is_new, age, self.load_drift is not None)
@@ -313,7 +313,7 @@ class Session:
         if not self._acceptance.tolerances.are_declared:
             return None  # another team starts with the declared tolerances
         is_suspected = self.undeclared is not None or self.suspected is not None
-        is_doubtful = is_suspected or self.causes.is_open or self._detector.distrusts_wrenches
+        is_doubtful = is_suspected or self.causes.is_open or self._detector.confirmation.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
         known = self._known
@@ -375,4 +375,4 @@ class Session:
     @property
     def is_confirmed(self) -> bool:
         """Whether new rows have confirmed what was known before rows were missing, or in a former team."""
-        return self._detector.is_confirmed
+        return not self._detector.confirmation.is_open

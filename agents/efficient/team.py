@@ -30,29 +30,12 @@ _TIMES_SENT = 2
 
 
 class Team:
-    """One robot's view of its team.
+    """One robot's view of its team, of this number: the robots of a graph, told apart by name, incarnation and first
+    block.
 
-    Args:
-        identities: Name, incarnation and first block of each robot.
-        membership: Number of the team.
-        graph: Neighbours of each robot.
-        start: First block in which all robots hold the load.
-        config: Configuration of this robot.
-        guards: Thresholds and times.
-        signer: Signs rows, None if rows are not signed.
-
-    Attributes:
-        indices: Index of each robot by its name, incarnation and first block.
-        names: Names of the robots.
-        own: Index of this robot.
-        times: Times of rows.
-        settings: Settings of fits.
-        exchange: Rows in transit.
-        session: Estimation from complete rows.
-        start: First block in which all robots hold the load.
-        noticed: Block in which each load change was noticed.
-        noticed_slips: Blocks in which each slip was noticed, and was distinguished from a load change.
-        newest: Newest block of which a row was processed; the one before ``start`` if there is none yet.
+    They all hold the load from the block ``start`` on. The load changes of ``session`` were noticed in the blocks
+    ``noticed``. Those of ``noticed_slips`` are, of each slip, when it was noticed, and distinguished from a load
+    change. ``newest`` is the newest block of which a row was processed; the one before ``start`` if there is none yet.
     """
 
     def __init__(

@@ -272,7 +272,7 @@ def test_rows_that_nothing_has_confirmed_stay_so_when_more_are_missing() -> None
 def test_what_may_be_of_another_load_is_not_handed_over() -> None:
     found = fed(made_up_rows(150))
     assert found.hand_over(0.0) is not None
-    found._detector._confirmation.fits_badly(149)
+    found._detector.confirmation.fits_badly(149)
     found._detector.schedule.pause(until=1000)
     assert found.hand_over(0.0) is None
 

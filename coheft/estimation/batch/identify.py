@@ -194,7 +194,7 @@ def identify_sensors(recording: Recording) -> Identification:
             inertia=inertia,
             measured=Inertia.from_barycentric(state.load[THETA]),
             covariance=covariance,
-            unobservable=unobservable_quantities(covariance, inertia.mass, estimate.size),
+            unobservable=unobservable_quantities(covariance, inertia.mass, estimate.guess.size),
         ),
         remarks=() if is_refuted else (remark,),
         suspicions=((remark,) if is_refuted else ()) + unsettled(team),

@@ -133,14 +133,11 @@ class Look(NamedTuple):
 def look_for_change(
     views: Array, older: Array, maps: InformationMaps, is_known: bool = False, small: StepThresholds | None = None
 ) -> Look:
-    """Run the first test, at fixed poses.
+    """Run the first test, at fixed poses, on views ``(motion[FORCING], wrench)`` of rows of the load (n, 19), oldest
+    first.
 
-    Args:
-        views: ``(motion[FORCING], wrench)`` of rows of the load, oldest first, shape (n, 19).
-        older: Gram matrix (19, 19) of older rows of the load.
-        maps: Maps from views to information.
-        is_known: Whether there is a prior of the load, so that all of these rows may belong to another load.
-        small: Which small steps of the mass to look for, None for none.
+    Of older rows there is the Gram matrix (19, 19). If the load ``is_known`` from before, all of these rows may belong
+    to another one. Small steps of the mass are looked for if thresholds for these are given.
     """
     count = len(views)
     sizes = windows(count)
@@ -149,13 +146,13 @@ def look_for_change(
     if len(sizes) == 0:
         return Look(0, 0.0, None)
     scores = _Scores.of(count - sizes, views, older, maps)
-    index, statistic = scores.likeliest(count - sizes)
+    index, statistic = scores.likeliest()
     if statistic > 1.0:  # now exactly which row
         newest = count - index
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
         scores = _Scores.of(count - near, views, older, maps)
-        index, statistic = scores.likeliest(count - near)
-    return Look(index, statistic, None if small is None else scores.small_step(count, small))
+        index, statistic = scores.likeliest()
+    return Look(index, statistic, None if small is None else scores.small_step(small))
 
 
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
@@ -232,6 +229,7 @@ class _Scores(NamedTuple):
     """Of windows of newest rows, k of them, and of all rows.
 
     Attributes:
+        firsts: Index of the first row of each window, shape (k,).
         counts: Rows of each window, then all, shape (k + 1,).
         matrices: Information with noise, shape (k + 1, 16, 16).
         vectors: Of the information, shape (k + 1, 16).
@@ -240,6 +238,7 @@ class _Scores(NamedTuple):
         load: Of all rows, shape (16,).
     """
 
+    firsts: Indices
     counts: Array
     matrices: Array
     vectors: Array
@@ -248,10 +247,10 @@ class _Scores(NamedTuple):
     load: Array
 
     @staticmethod
-    def of(indices: Indices, views: Array, older: Array, maps: InformationMaps) -> _Scores:
-        """Of the windows that begin with these indices (k,), newest first."""
-        grams, end = np.empty((len(indices) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
-        for k, index in enumerate([*indices.tolist(), 0]):
+    def of(firsts: Indices, views: Array, older: Array, maps: InformationMaps) -> _Scores:
+        """Of the windows that begin with these rows (k,), newest first."""
+        grams, end = np.empty((len(firsts) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
+        for k, index in enumerate([*firsts.tolist(), 0]):
             stretch = views[index:end]
             np.matmul(stretch.T, stretch, out=grams[k])
             end = index
@@ -263,7 +262,7 @@ class _Scores(NamedTuple):
         vectors[-1] += maps.known_vector
         basis, shares = seen_directions(matrices[-1], counts[-1] * maps.of_noise)
         load = basis.T @ np.linalg.solve(shares, basis @ vectors[-1])
-        return _Scores(counts, matrices, vectors, maps.of_noise, basis, load)
+        return _Scores(firsts, counts, matrices, vectors, maps.of_noise, basis, load)
 
     def along(self, directions: Array) -> tuple[Array, Array]:
         """``S`` (k, f) and ``V`` (k, f, f) along directions of theta (f, 10)."""
@@ -277,18 +276,18 @@ class _Scores(NamedTuple):
         spread[:, each, each] += 1e-9
         return score, spread
 
-    def likeliest(self, indices: Indices) -> tuple[int, float]:
-        """Of the starts of these windows, the likeliest for a change, and its statistic over the threshold."""
+    def likeliest(self) -> tuple[int, float]:
+        """First row of the window that is likeliest to follow a change, and its statistic over the threshold."""
         tested, _ = seen_directions(self.matrices[-1, THETA, THETA], self.counts[-1] * self.of_noise[THETA, THETA])
-        if len(indices) == 0 or len(tested) == 0:
+        if len(tested) == 0:
             return 0, 0.0
         score, spread = self.along(tested)
         statistics = (score * np.linalg.solve(spread, score[..., None])[..., 0]).sum(axis=1)
         best = int(statistics.argmax())
-        return int(indices[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
+        return int(self.firsts[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
 
-    def small_step(self, count: int, small: StepThresholds) -> SmallStep | None:
-        """Return ``Look.step``; ``count`` is the number of all rows that are kept.
+    def small_step(self, small: StepThresholds) -> SmallStep | None:
+        """Return ``Look.step``.
 
         With ``x`` another kilogram at the centre of mass, the step at a row and its significance are
 
@@ -308,13 +307,13 @@ class _Scores(NamedTuple):
         left = 1.0 - informations[:-1] / informations[-1]
         errors = is_significant * np.abs(self.load[THETA.start] + score / spread * left - small.mass)
         largest = int(errors.argmax())
-        return SmallStep(count - int(self.counts[largest]), float(errors[largest]))
+        return SmallStep(int(self.firsts[largest]), float(errors[largest]))
 
 
 def spread_mass(estimate: Estimate) -> Array:
     """Second moment (10, 10) of the change of theta by 1 kg anywhere in the estimated load."""
     theta = estimate.state.fitted_load[THETA]
-    points = point_mass(theta[1:4] / theta[0] + estimate.size * _SPHERE)
+    points = point_mass(theta[1:4] / theta[0] + estimate.guess.size * _SPHERE)
     result: Array = points.T @ points / len(points)
     return result
 

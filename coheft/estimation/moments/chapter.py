@@ -67,15 +67,11 @@ class Prior:
         return replace(self, evidence=self.evidence.marginalized(theta, limits), knows_load=False)
 
     def for_team(self, members: Sequence[int | None], former: FitSettings, settings: FitSettings) -> Prior:
-        """Convert to the prior of another team.
+        """Convert to the prior of another team, whose sensor errors have the same parameters; ``members`` are the
+        indices of its robots in the old one, None if they were not in it.
 
         Robots that have left are marginalized. Their offsets are no longer in the sums of the team, and those of robots
         that have joined are. Of these, only the prior of their sensor errors is known.
-
-        Args:
-            members: Index of each robot of the new team in the old one, None if it was not in it.
-            former: Settings of fits in the old team.
-            settings: Settings of fits in the new team, with the same parameters of sensor errors.
         """
         state, count = self.state, len(self.state.poses)
         old, new = Unknowns(count, former.errors), Unknowns(len(members), settings.errors)

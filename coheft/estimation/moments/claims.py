@@ -60,7 +60,7 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     derivative[:, 6:] = derivative[:, 6:] @ central_derivative(inertia)
     indices = np.concatenate([unknowns.poses[robot], np.arange(unknowns.size)[unknowns.theta]])
     covariance = derivative @ covariance[np.ix_(indices, indices)] @ derivative.T
-    unobservable = unobservable_quantities(covariance, inertia.mass, estimate.size)
+    unobservable = unobservable_quantities(covariance, inertia.mass, estimate.guess.size)
     quantities = {each.quantity for each in unobservable}
     known = 0 if "mass" in quantities else 1 if "com" in quantities else 4 if "inertia" in quantities else 10
     if hidden.any():
@@ -88,7 +88,7 @@ def possible_load(estimate: Estimate) -> Inertia:
     """Return the likeliest physically possible load, in the body frame; the estimate must have a load."""
     theta, indices = estimate.state.fitted_load[THETA], estimate.body.unknowns.theta
     if not is_possible(theta):
-        theta = nearest_possible(theta, inverse_of(estimate.covariance[indices, indices]), estimate.size)
+        theta = nearest_possible(theta, inverse_of(estimate.covariance[indices, indices]), estimate.guess.size)
     return Inertia.from_barycentric(theta)
 
 

@@ -14,15 +14,9 @@ from coheft.estimation.moments.sensor_errors import RATES, SensorErrors
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """The corrections of all robots' rows at one state.
+    """The corrections of all robots' rows at one state, whose ``calibration`` takes extended rows to calibrated ones.
 
     Methods take ``rows.KINEMATICS`` or ``rows.WRENCH``, k numbers of a row.
-
-    Attributes:
-        noise: Noise of rows.
-        errors: The constant errors that are declared.
-        calibration: Takes extended rows to calibrated ones, see ``State``; None if all sensors are exact.
-        count: Number of robots.
     """
 
     noise: RowNoise

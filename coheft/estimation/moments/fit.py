@@ -59,11 +59,6 @@ class Estimate:
         return self.body.state
 
     @property
-    def size(self) -> float:
-        """Rough size of the load [m]."""
-        return self.guess.size
-
-    @property
     def covariance(self) -> Array:
         """Covariance of all unknowns, shape (u, u)."""
         return self.seen + self.hidden
@@ -102,16 +97,9 @@ def fit_state(
     anchor: int,
     most_steps: int = _MOST_STEPS,
 ) -> Estimate:
-    """Fit a state to moments.
+    """Fit a state to moments, beginning at one; without a load, poses are fitted to the motion alone.
 
-    Args:
-        state: Where to begin; without a load, poses are fitted to the motion alone.
-        evaluate: Moments at a state.
-        prior: Prior evidence at a state.
-        guess: Guess of theta.
-        settings: Settings of the fit.
-        anchor: Index of the robot whose pose stays fixed.
-        most_steps: Largest number of steps.
+    Moments and prior evidence are evaluated at each state. The pose of the robot ``anchor`` stays fixed.
     """
     noise_of_motion: Array | None = None  # what noise adds to the information, (u, u)
     noise_of_wrench: Array | None = None

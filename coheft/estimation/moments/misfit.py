@@ -12,6 +12,7 @@ gravity turns in that frame. The two are compared by how much of the squared res
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,40 +26,25 @@ WINDOWS = (1, 2, 4, 8, 16, 32)
 """Numbers of consecutive rows that are tested: longer windows would show the approximations of rows."""
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """The worst stretch of rows.
+class Misfit(NamedTuple):
+    """The statistic of the sum of residuals of the worst stretch of rows, and the index of their source."""
 
-    Attributes:
-        first: Its first row.
-        rows: Its length.
-        source: Index of the source of residuals.
-        chi_square: Statistic of the sum of its residuals.
-    """
-
-    first: int
-    rows: int
-    source: int
     chi_square: float
+    source: int
 
 
 def worst_misfit(residuals: Array, drift: Array | float = 0.0) -> Misfit | None:
     """Return the stretch that fits worst of residuals (n, s, d) in standard deviations, of n rows and s sources, None
     if there are no rows; ``drift`` is the diagonal of ``D``, shape (s, d) or (1, d).
     """
-    worst: Misfit | None = None
     sums = np.zeros((len(residuals) + 1, *residuals.shape[1:]))
     np.cumsum(residuals, axis=0, out=sums[1:])
-    for rows in WINDOWS:
-        if rows > len(residuals):
-            break
+    found = list[Misfit]()
+    for rows in [rows for rows in WINDOWS if rows <= len(residuals)]:
         whitened = (sums[rows:] - sums[:-rows]) / np.sqrt(rows * (1.0 + rows * drift))
-        squares = np.einsum("nsd,nsd->ns", whitened, whitened)
-        first, source = np.unravel_index(int(squares.argmax()), squares.shape)
-        found = float(squares[first, source])
-        if worst is None or found > worst.chi_square:
-            worst = Misfit(int(first), rows, int(source), found)
-    return worst
+        of_sources = np.einsum("nsd,nsd->ns", whitened, whitened).max(axis=0)
+        found.append(Misfit(float(of_sources.max()), int(of_sources.argmax())))
+    return max(found, key=lambda each: each.chi_square, default=None)
 
 
 def excess_energy(residuals: Array, freedom: float, tolerance: float) -> float:

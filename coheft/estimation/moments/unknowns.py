@@ -38,7 +38,7 @@ class Unknowns:
     Attributes:
         count, errors: As given.
         own: Number of unknowns of one robot.
-        size: Number of all unknowns, ``u``.
+        motion_size, size: Number of unknowns that the motion depends on, and of all of them, ``u``.
         poses: Indices of each robot's pose, shape (N, 6).
         eta: Indices of each robot's sensor errors, shape (N, q).
         gyros, offset, theta, load: Slices of the team's common unknowns; ``load`` is ``offset`` and ``theta``.
@@ -48,7 +48,7 @@ class Unknowns:
         self.count, self.errors, self.own = count, errors, POSE_SIZE + errors.count
         ends = (count * self.own + np.cumsum([0, 3, 6, 10])).tolist()
         self.gyros, self.offset, self.theta = (slice(first, end) for first, end in pairwise(ends))
-        self.load, self.size = slice(self.offset.start, self.theta.stop), int(ends[-1])
+        self.load, self.motion_size, self.size = slice(self.offset.start, self.theta.stop), int(ends[1]), int(ends[-1])
         by_robot: Indices = np.arange(count * self.own).reshape(count, self.own)
         self.poses, self.eta = by_robot[:, :POSE_SIZE], by_robot[:, POSE_SIZE:]
 
@@ -65,11 +65,6 @@ class Unknowns:
     def common(self) -> Indices:
         """Indices of the unknowns that belong to no single robot."""
         return np.arange(self.gyros.start, self.size)
-
-    @cached_property
-    def motion_size(self) -> int:
-        """Number of unknowns before the load: those that the motion depends on."""
-        return int(self.gyros.stop)
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,7 +159,7 @@ def test_only_bodies_that_exist_are_claimed(robot: int) -> None:
     theta = estimate.body.unknowns.theta
     information = np.linalg.inv(estimate.covariance[theta, theta])
     found = claim.inertia.transported(estimate.state.poses[robot]).barycentric() - load[6:]
-    other = nearest_possible(load[6:], np.eye(10), estimate.size) - load[6:]
+    other = nearest_possible(load[6:], np.eye(10), estimate.guess.size) - load[6:]
     assert found @ information @ found < 0.99 * (other @ information @ other)
 
 
