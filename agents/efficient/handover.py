@@ -80,5 +80,4 @@ def _whole(half: Array, size: int) -> Array:
     """Return the symmetric matrix with this upper half."""
     matrix = np.zeros((size, size))
     matrix[np.triu_indices(size)] = half
-    result: Array = matrix + np.triu(matrix, 1).T
-    return result
+    return matrix + np.triu(matrix, 1).T

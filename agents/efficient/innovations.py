@@ -154,8 +154,7 @@ class Innovations:
     def gram(self) -> Array:
         """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""
         views = self._buffer.views[self._buffer.of_load]
-        result: Array = self._older + views.T @ views
-        return result
+        return self._older + views.T @ views
 
     def mass_information(self) -> float:
         """Return the information of one row on the mass [1/kg²], mean over all rows of the load."""

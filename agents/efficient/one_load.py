@@ -79,8 +79,7 @@ class OneLoad:
         if older:
             aged = aged + (rows + 0.5 * older) * self._evidence(buffer.moments_dropped()).information
         aged = aged + (rows + older) * self._chapter.prior_evidence(body).information
-        result: Array = -self._estimate.inverse @ aged[:, theta]
-        return result
+        return -self._estimate.inverse @ aged[:, theta]
 
     def _evidence(self, moments: Moments) -> Evidence:
         """Evidence of wrenches with these moments, around the estimate."""

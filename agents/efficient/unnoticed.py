@@ -59,8 +59,7 @@ class UnnoticedStep(NamedTuple):
         by_step = error_by_step.copy()
         if not _wrong_share(estimate, error_by_step) > _LEAST_LEFT:  # a fit to later rows only: it may have been later
             by_step[estimate.body.unknowns.theta] = -_LEAST_LEFT * np.eye(by_step.shape[1])
-        result: Array = by_step @ self.covariance(estimate, error_by_step) @ by_step.T
-        return result
+        return by_step @ self.covariance(estimate, error_by_step) @ by_step.T
 
     def covariance(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (10, 10) of the step of theta itself; arguments as for ``process_noise``."""

@@ -309,8 +309,7 @@ class BodyModel:
         """
         predicted = motion @ self.predict.reshape(-1, MOTION_SIZE).T
         read = self.calibrated(extended_rows.T).transpose(2, 0, 1).reshape(predicted.shape)
-        result: Array = np.sqrt(self.weight).ravel() * (read - predicted)
-        return result
+        return np.sqrt(self.weight).ravel() * (read - predicted)
 
     def calibrated(self, of_rows: Array) -> Array:
         """Correct readings of motion sensors by the sensor errors of the state: takes extended rows as columns, or
@@ -339,8 +338,7 @@ def _prediction(rotations: Array, positions: Array) -> Array:
 
 def _turned_products(rotations: Array) -> Array:
     """``products(R w) == result @ products(w)``, shape (N, 3, 3) to (N, 6, 6)."""
-    turned: Array = pack_symmetric(rotations[:, None] @ _PACKED @ rotations.swapaxes(1, 2)[:, None]).swapaxes(1, 2)
-    return turned
+    return pack_symmetric(rotations[:, None] @ _PACKED @ rotations.swapaxes(1, 2)[:, None]).swapaxes(1, 2)
 
 
 def _adjoints(rotations: Array, positions: Array) -> Array:
@@ -353,12 +351,10 @@ def _adjoints(rotations: Array, positions: Array) -> Array:
 
 def load_operator(load: Array) -> Array:
     """Return the map from ``motion[FORCING]`` to the total wrench of a load (16,), offset included, shape (6, 13)."""
-    operator: Array = (REGRESSOR @ load).T
-    return operator
+    return (REGRESSOR @ load).T
 
 
 def residual_covariance(body: BodyModel, load: Array) -> Array:
     """Covariance (6, 6) of ``wrench - load_operator @ motion``; noise of the motion enters through the inertia."""
     spatial = spatial_inertia(load[THETA])
-    covariance: Array = body.wrench_noise + spatial @ body.accelerations.covariance @ spatial.T
-    return covariance
+    return body.wrench_noise + spatial @ body.accelerations.covariance @ spatial.T

@@ -200,8 +200,7 @@ def error_by_step(newest: Evidence, inverse: Array, theta: slice) -> Array:
     with the information ``H_k`` of the rows since the step that are in the fit, and the inverse ``H^-1`` (u, u) of its
     own.
     """
-    result: Array = inverse @ newest.information[:, theta] - np.eye(len(inverse))[:, theta]
-    return result
+    return inverse @ newest.information[:, theta] - np.eye(len(inverse))[:, theta]
 
 
 def likeliest_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
@@ -209,8 +208,7 @@ def likeliest_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
     includes that of the difference.
     """
     shown, score, spread = _score_of(theta, newest, covariance)
-    step: Array = covariance[theta] @ shown.T @ np.linalg.solve(spread, score)
-    return step
+    return covariance[theta] @ shown.T @ np.linalg.solve(spread, score)
 
 
 def _score_of(
@@ -314,8 +312,7 @@ def spread_mass(estimate: Estimate) -> Array:
     """Second moment (10, 10) of the change of theta by 1 kg anywhere in the estimated load."""
     theta = estimate.state.fitted_load[THETA]
     points = point_mass(theta[1:4] / theta[0] + estimate.guess.size * _SPHERE)
-    result: Array = points.T @ points / len(points)
-    return result
+    return points.T @ points / len(points)
 
 
 def one_kilogram(load: Array) -> Array:

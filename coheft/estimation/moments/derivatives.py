@@ -109,8 +109,7 @@ def _by_errors(body: BodyModel, generators: Array) -> tuple[Array, Array]:
 
     def generated(part: slice) -> Array:
         flat = generators[:, part].reshape(-1, width)
-        result: Array = (flat @ calibrated).reshape(count, number, -1, features)
-        return result
+        return (flat @ calibrated).reshape(count, number, -1, features)
 
     fused = body.fusion_map[PRODUCTS, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.PRODUCTS].swapaxes(0, 1)
     return -generated(rows.KINEMATICS), fused[:, None] @ generated(rows.PRODUCTS)
@@ -162,14 +161,12 @@ class WrenchDerivatives:
 def whitening(body: BodyModel) -> Array:
     """Return the matrix (6, 6) that whitens the residual of the total wrench at a state with a load."""
     weight = inverse_of(residual_covariance(body, body.state.fitted_load))
-    root: Array = np.asarray(np.linalg.cholesky(weight)).T.astype(np.float64)
-    return root
+    return np.asarray(np.linalg.cholesky(weight)).T.astype(np.float64)
 
 
 def _wrenches_by_errors(body: BodyModel, generators: Array) -> Array:
     """Derivatives of each robot's wrench in the body frame by its sensor errors, shape (N, q, 6, w)."""
-    result: Array = body.adjoints[:, None] @ generators[:, rows.WRENCH, body.unknowns.errors.wrench]
-    return result
+    return body.adjoints[:, None] @ generators[:, rows.WRENCH, body.unknowns.errors.wrench]
 
 
 def _forcing(body: BodyModel, motion: MotionDerivatives, root: Array) -> Array:
@@ -198,5 +195,4 @@ def prediction_covariance(
         by_unknowns[body.unknowns.of_robot(robot), part] += own[:, part] @ motion
     by_unknowns[:, rows.ACCELERATIONS] += (derivatives.common @ psi) @ predict[rows.ACCELERATIONS, PRODUCTS].T
     by_unknowns *= np.sqrt(body.weight[robot])
-    result: Array = by_unknowns.T @ covariance[: len(of_team), : len(of_team)] @ by_unknowns
-    return result
+    return by_unknowns.T @ covariance[: len(of_team), : len(of_team)] @ by_unknowns

@@ -189,8 +189,7 @@ class FitSettings:
         """Variances of the drift of ``(w, v, a, slope)`` in a time [s] over those of the noise, shape of the latter."""
         drift = np.zeros(rows.KINEMATICS_SIZE)
         drift[rows.W], drift[rows.A] = self.drift.gyro, self.drift.acceleration
-        result: Array = seconds / 60.0 * np.square(drift / self.noise.kinematics)
-        return result
+        return seconds / 60.0 * np.square(drift / self.noise.kinematics)
 
     def drifted_wrench(self, body: BodyModel, seconds: float) -> Array:
         """Covariance (6, 6) of the drift of the total wrench's offset in a time [s]."""
@@ -226,5 +225,5 @@ def _of_total(body: BodyModel, force: float | Array, torque: float | Array) -> A
     """Covariance (6, 6) of the total wrench, about the body frame, for these deviations of each robot's wrench."""
     force, torque = np.broadcast_arrays(force, torque)
     spread = np.repeat(np.stack([force**2, torque**2], axis=-1), 3, axis=-1)
-    covariance: Array = (body.adjoints * spread[..., None, :] @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
-    return covariance
+    result: Array = (body.adjoints * spread[..., None, :] @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
+    return result

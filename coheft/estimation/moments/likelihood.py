@@ -108,8 +108,7 @@ def motion_evidence(
 
 def _symmetric(matrix: Array) -> Array:
     """Return the matrix symmetric to the last bit."""
-    result: Array = 0.5 * (matrix + matrix.T)
-    return result
+    return 0.5 * (matrix + matrix.T)
 
 
 def motion_score(body: BodyModel, derivatives: MotionDerivatives, moments: MotionMoments) -> Array:
@@ -253,8 +252,7 @@ def between_robots(left: WrenchDerivatives, right: WrenchDerivatives, moments: W
     by_gram = left.local.reshape(count, own * 6, size) @ of_wrenches.reshape(count, size, -1)
     by_other = by_gram.reshape(count * own, 6, count, size).transpose(2, 0, 1, 3)  # robot j, unknown k, 6, w
     blocks = by_other.reshape(count, -1, 6 * size) @ right.local.reshape(count, others, -1).swapaxes(1, 2)
-    result: Array = blocks.transpose(1, 0, 2).reshape(count * own, -1)
-    return result
+    return blocks.transpose(1, 0, 2).reshape(count * own, -1)
 
 
 def noise_factors(body: BodyModel, derivatives: WrenchDerivatives, number: float) -> tuple[Factor, Factor]:

@@ -62,13 +62,11 @@ class RowMoments:
 
     def with_motion(self, body: BodyModel) -> Array:
         """See ``Moments``."""
-        result: Array = self.matrix @ body.motion_map.T
-        return result
+        return self.matrix @ body.motion_map.T
 
     def of_wrenches(self, indices: Indices) -> Array:
         """See ``Moments``."""
-        result: Array = self.matrix[indices[:, None], indices]
-        return result
+        return self.matrix[indices[:, None], indices]
 
     def sums(self, one: int) -> Array:
         """See ``Moments``."""
@@ -184,8 +182,7 @@ def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion
     size = len(own)
 
     def calibrated(left: Array) -> Array:
-        result: Array = (turn @ left.reshape(count, size, -1)).reshape(count * size, -1)
-        return result
+        return (turn @ left.reshape(count, size, -1)).reshape(count * size, -1)
 
     of_wrenches = calibrated(calibrated(of_wrenches).T)
     sums, with_motion = calibrated(with_motion[:, :1]).ravel(), calibrated(with_motion)
@@ -246,8 +243,7 @@ class ProjectedMoments:
         """See ``Moments``."""
         if body is self.body:
             return self.crossed
-        result: Array = self.crossed @ motion_then_to_now(self.body, body).T
-        return result
+        return self.crossed @ motion_then_to_now(self.body, body).T
 
     def of_wrenches(self, indices: Indices) -> Array:
         """See ``Moments``."""
@@ -255,8 +251,7 @@ class ProjectedMoments:
 
     def sums(self, one: int) -> Array:
         """See ``Moments``."""
-        result: Array = self.crossed[:, 0]
-        return result
+        return self.crossed[:, 0]
 
     def __add__(self, other: ProjectedMoments) -> ProjectedMoments:
         return ProjectedMoments(self.body, self.crossed + other.crossed, self.wrenches + other.wrenches)

@@ -186,8 +186,7 @@ def row_with_rates(samples: Array, gyro_variance: float, rate: float) -> Array:
 def _line(count: int, rate: float) -> Array:
     """Weights (B,) of samples in the slope of their least-squares line."""
     times = np.arange(count, dtype=np.float64) - 0.5 * (count - 1)
-    weights: Array = times * (12.0 * rate / (count * (count**2 - 1)))
-    return weights
+    return times * (12.0 * rate / (count * (count**2 - 1)))
 
 
 def flexing_margin(rate: float) -> int:
@@ -224,5 +223,5 @@ def flexing_weights(row: int, margin: int, rate: float) -> Array:
     times = np.arange(count) / half - 1.0
     is_own = (np.arange(count) >= margin) & (np.arange(count) < margin + row)
     coefficients = np.linalg.pinv(np.column_stack([np.vander(times, _DEGREE + 1, increasing=True), is_own]))
-    weights: Array = coefficients[1:3] * np.array([[rate / half], [2.0 * (rate / half) ** 2]])
-    return weights
+    result: Array = coefficients[1:3] * np.array([[rate / half], [2.0 * (rate / half) ** 2]])
+    return result

@@ -146,8 +146,7 @@ class SensorErrors:
         """Compute ``exp(sum_k eta_k E_k)`` of each robot to third order: (N, q) to (N, width, width)."""
         total = np.tensordot(eta, self.generators, axes=1)
         square = total @ total
-        result: Array = np.eye(self.width) + total + 0.5 * square + square @ total / 6.0
-        return result
+        return np.eye(self.width) + total + 0.5 * square + square @ total / 6.0
 
 
 def _kinds(tolerance: SensorTolerance, drift: SensorDrift) -> dict[str, float]:

@@ -101,8 +101,7 @@ class _Motion:
         """
         square = self._varied[by, by]
         explained = np.linalg.solve(square + weak * np.eye(len(square)), self._varied_with[by, entries])
-        result: Array = self._varied_with[part, entries] - self._varied[part, by] @ explained
-        return result
+        return self._varied_with[part, entries] - self._varied[part, by] @ explained
 
     def first_pose(self, robot: int) -> Pose:
         """Compute a robot's pose: its rotation, then its position from velocities or, without these, accelerations."""
@@ -137,8 +136,7 @@ class _Motion:
         """Attitude profile matrix by deviations of accelerations from their mean, shape (3, 3)."""
         variance = accelerometer.variance
         weak = _WEAK * self._varied[_TURNING, _TURNING].trace() + _WEAK * self._number * variance
-        result: Array = 0.5 * self._unexplained(A, accelerometer.entries, _TURNING, weak) / variance
-        return result
+        return 0.5 * self._unexplained(A, accelerometer.entries, _TURNING, weak) / variance
 
     def _position_by_velocity(self, rotation: Array, gyro: _Sensor, velocity: _Sensor) -> Array:
         """Compute the position from ``R v_i = v + w x p``, shape (3,).
