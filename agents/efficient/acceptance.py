@@ -140,8 +140,8 @@ class Acceptance:
             self._load_before = before
 
     def judge(self, known: Knowledge, estimate: Estimate, is_new: bool, age: int, drifts: bool) -> tuple[Event, int]:
-        """Judge a fit to all rows; return what follows, and the index of the first row from which to estimate the load
-        anew after ``MISFIT``, or after a change of pose.
+        """Judge a fit to all rows; return what follows, and the index of the row from which on the load or a pose is
+        another one, if that follows.
 
         If ``is_new``, the load is fitted for the first time; ``age`` is its number of rows. A load that drifts looks
         like an undeclared error.

@@ -75,8 +75,8 @@ class Causes:
             self._suspicion = None
 
     def suspect(self, known: Knowledge, index: int, newest: int, state: State, unnoticed: UnnoticedStep) -> None:
-        """Begin to compare causes: from the row at this index on, as the newest one, of number ``newest``, shows,
-        motions or poses differ, or wrenches. ``unnoticed`` is by how much the mass may have changed before.
+        """Begin to compare causes: the row ``newest`` has shown that motions, poses or wrenches differ from this index
+        on. ``unnoticed`` is the step of the mass that may have occurred before.
         """
         buffer = known.buffer
         first = int(buffer.numbers[index]) if index < buffer.count else newest

@@ -32,8 +32,8 @@ _LARGEST = 1e6
 
 
 class Copy(NamedTuple):
-    """A row of this number, measured by the robot of this index, as the neighbour of this name has sent it, in single
-    precision.
+    """A row in single precision as the neighbour ``sender`` has sent it; ``robot`` is the index of the one that
+    measured it.
     """
 
     sender: str

@@ -41,10 +41,10 @@ class Pages:
             self._begun = number
 
     def turn(self, rows: int, end: int, missing: float) -> float:
-        """End the page, and return its time [s].
+        """End the page of so many rows, and return its time [s].
 
-        It had so many rows, and for a time ``missing`` [s] there are none after it. ``end`` is the number of the first
-        row of the next page; rows from before a gap may be kept, and belong to both.
+        ``end`` is the number of the first row of the next page; rows from before a gap may be kept, and belong to both.
+        For a time ``missing`` [s] there are no rows after the page.
         """
         period, memory = self._settings.period, self._settings.memory
         begun = end if self._begun is None else self._begun

@@ -179,16 +179,16 @@ class Suspicion:
         self._contradicts = self.favours_change = False
 
     def settle_load(self, number: int, is_certain: bool) -> None:
-        """Process that no grasp has slipped alone, if the load has changed at the row of this number; one may have
-        slipped as well. If not ``is_certain``, a sensor may be faulty instead.
+        """Process that no grasp has slipped alone; one may have slipped as well. The present load begins at the row of
+        this number; if it is not certainly another one, a sensor may be faulty instead.
         """
         self._leave_out_before(number)
         self._state = State.LOAD_CHANGED if is_certain else State.EXPLAINED
         self._rests = not (self._began_after_gap or self._contradicts)
 
     def begin_at(self, number: int, changes: int) -> None:
-        """Leave out the rows before the present load, which begins at this number after so many other changes: after a
-        gap, it has changed once more, possibly to what it was.
+        """Leave out the rows before this number, at which the present load begins, after so many other changes: after a
+        gap, the load has changed once more, possibly to what it was.
         """
         self.changes = changes
         self._leave_out_before(number)

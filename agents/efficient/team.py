@@ -30,12 +30,12 @@ _TIMES_SENT = 2
 
 
 class Team:
-    """One robot's view of its team, of this number: the robots of a graph, told apart by name, incarnation and first
-    block.
+    """One robot's view of its team from the block ``start`` on, from which all of its robots hold the load.
 
-    They all hold the load from the block ``start`` on. The load changes of ``session`` were noticed in the blocks
-    ``noticed``. Those of ``noticed_slips`` are, of each slip, when it was noticed, and distinguished from a load
-    change. ``newest`` is the newest block of which a row was processed; the one before ``start`` if there is none yet.
+    Robots have an index each, by name, incarnation and first block. ``noticed`` are the blocks in which the load
+    changes of ``session`` were noticed; ``noticed_slips`` those in which each slip was noticed, and distinguished from
+    a load change. ``newest`` is the newest block of which a row was processed; the one before ``start`` if there is
+    none yet.
     """
 
     def __init__(

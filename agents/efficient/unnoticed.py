@@ -48,8 +48,8 @@ class UnnoticedStep(NamedTuple):
     first: int = 0
 
     def after_test(self, found: SmallStep, first: int, share: float) -> UnnoticedStep:
-        """Return the step to cover after one more test for small steps, which has found one at the row of number
-        ``first``; ``share`` is what is left of the present step if that is not larger.
+        """Return the step to cover after one more test for small steps, which has found one before the row ``first``.
+        The share ``share`` of the present step is left if that is larger.
         """
         faded = share * self.mass
         return UnnoticedStep(found.error, first) if found.error > faded else self._replace(mass=faded)
@@ -97,7 +97,7 @@ class Unnoticed(NamedTuple):
         self, known: Knowledge, estimate: Estimate, end: int | None = None, missing: float = 0.0
     ) -> Array | None:
         """Covariance (u, u) of the error of a prior by these changes, None if there are none. The estimate that is to
-        be the prior is from the rows before the index ``end``, or from all; so many are missing since.
+        be the prior is from the rows before the index ``end``, or from all; ``missing`` rows are missing since.
         """
         fit = known.one_load(estimate, end, is_last=end is None)
         step = self._of_step(known, estimate, fit)

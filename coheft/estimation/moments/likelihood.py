@@ -58,13 +58,10 @@ class Factor(NamedTuple):
         of_robots[range(count), :, range(count)] += blocks
         return result
 
-    def groups_times(self, right: Factor, size: int) -> Array:
-        """Compute the information of each group of so many own unknowns, shape (N k / size, size, size).
-
-        Both factors have no common unknowns.
-        """
+    def triples_times(self, right: Factor) -> Array:
+        """Compute the information of each three own unknowns, shape (N k / 3, 3, 3); there are no common unknowns."""
         left, other = (
-            [part.reshape(-1, size, part.shape[-1]) for part in (*each.team, *each.own)] for each in (self, right)
+            [part.reshape(-1, 3, part.shape[-1]) for part in (*each.team, *each.own)] for each in (self, right)
         )
         return _sum_of_products(left, other)
 

@@ -114,8 +114,8 @@ def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Gues
 
 
 def latest_start(before: Estimate, after: Estimate, rows: Array, mean: Array, lead: float) -> int:
-    """Return the index of the last of rows (n, X) that may well be the first one after a slip: none is likelier by the
-    log ratio ``lead``, by the estimates before and after the slip.
+    """Return the index of the last of rows (n, X) that may well be the first one after a slip: by the estimates before
+    and after it, no other is likelier by the log ratio ``lead``.
 
     ``mean`` (12 N,) are mean residuals of motion sensors, in units of their noise.
     """

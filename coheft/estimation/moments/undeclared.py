@@ -151,18 +151,18 @@ class _Tests(NamedTuple):
 
         left, right = wrench_factors(body, wrench_tested, wrench)
         information = left.times(wrench_factors(body, wrench_fit, wrench)[1])
-        own_information = left.groups_times(right, 3)
+        own_information = left.triples_times(right)
         of_robots = slice(0, body.count * body.unknowns.own)
         information[:, of_robots] += between_robots(wrench_tested, wrench_fit, wrench)
         left, right = noise_factors(body, wrench_tested, wrench.number)
-        noise, own_noise = left.times(noise_factors(body, wrench_fit, wrench.number)[1]), left.groups_times(right, 3)
+        noise, own_noise = left.times(noise_factors(body, wrench_fit, wrench.number)[1]), left.triples_times(right)
 
         factors, motion = MotionFactors.of(body, tested), body.unknowns.motion_size
         by_grams = ((information, own_information), (noise, own_noise))
         for grams, (total, own) in zip(motion_grams(body, moments.motion), by_grams, strict=True):
             left = factors.left(grams)
             total[:, :motion] += left.times(fit.right)
-            own += left.groups_times(factors.right, 3)
+            own += left.triples_times(factors.right)
         size = body.unknowns.size
         of_all = score.reshape(-1, 3), information.reshape(-1, 3, size), noise.reshape(-1, 3, size)
         return _Tests([every[k] for k in chosen], *(each[chosen] for each in (*of_all, own_information, own_noise)))
