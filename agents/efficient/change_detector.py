@@ -1,6 +1,7 @@
 """Detection of another load: when a robot looks for one, and whether what it sees is another load or uncertain poses.
 
-a look is due -> no window of rows is unlike the others      the load is confirmed a bit more
+a look is due, in turn, or if wrenches are a surprise, together show another mass, or another robot has noticed a change
+              -> no window of rows is unlike the others      the load is confirmed a bit more
               -> poses are so uncertain that they explain it   fit again if the load is still to be confirmed
               -> fit to the rows before only
                  -> the other rows are unlike their load         another load
@@ -15,9 +16,9 @@ the session does that with what is detected.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
-from coheft.agents.efficient.change_test_schedule import ChangeTestSchedule
 from coheft.agents.efficient.innovations import EvaluatedRow
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
@@ -27,7 +28,74 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.moments.change import SmallStep, StepThresholds
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.rows import WRENCH_SIZE
 from coheft.estimation.moments.unknowns import THETA
+
+_SURPRISES = 2
+"""So many surprising rows in succession start a look."""
+_LOOKS = 4
+"""While the newest rows together show another mass, so many looks are started in the time over which they do."""
+
+
+class ChangeTestSchedule:
+    """Says after each row whether to look for a load change: at once if there is a reason, else in turn.
+
+    Args:
+        rows: How often each robot looks without a reason (``turn``), and over how many rows another mass has to show.
+        guards: Thresholds.
+        slot: Number of the row of a turn after which this robot looks.
+    """
+
+    def __init__(self, rows: RowCounts, guards: Guards, slot: int) -> None:
+        self._rows, self._slot, self._masses = rows, slot, deque[float](maxlen=rows.shortest)
+        self._largest_surprise = chi_square_threshold(WRENCH_SIZE, guards.surprise)
+        self._least_sum = chi_square_threshold(1, guards.mass_surprise) * rows.shortest
+        self._news = -1  # first row of the newest change that another robot has reported
+        self.begin()
+
+    def begin(self) -> None:
+        """Start again with other rows."""
+        self._paused_until = -1
+        self.found()
+
+    def found(self) -> None:
+        """Forget all reasons to look: what they pointed to has been found."""
+        self._surprises, self._closely_until = 0, -1
+        self._masses.clear()
+        self._rests = 0  # so many rows have to come before the mass starts another look
+
+    def is_paused(self, number: int) -> bool:
+        """Whether a look is of no use yet at this row."""
+        return number < self._paused_until
+
+    def pause(self, until: int) -> None:
+        """Looks before this row are of no use; -1: they are of use from now on."""
+        self._paused_until = until
+
+    def look_closely_after(self, first: int, news_at: int, number: int) -> None:
+        """Look after every row for a while, if a change that another robot has noticed is news. ``first`` is its first
+        row, ``news_at`` that of the newest change that this robot has noticed, and ``number`` the newest row.
+        """
+        if first > max(news_at + self._rows.turn, self._news):
+            self._news, self._closely_until = first, number + self._rows.turn
+
+    def is_due(self, number: int, row: EvaluatedRow) -> bool:
+        """Whether to look after a row."""
+        self._surprises = self._surprises + 1 if row.wrench @ row.wrench > self._largest_surprise else 0
+        shows_another_mass = self._shows_another_mass(row.mass)
+        is_urgent = self._surprises >= _SURPRISES or number <= self._closely_until or shows_another_mass
+        return is_urgent or number % self._rows.turn == self._slot
+
+    def _shows_another_mass(self, residual: float) -> bool:
+        """Whether the newest rows together show another mass, and have not started a look shortly before."""
+        masses = self._masses
+        masses.append(residual)
+        self._rests = max(0, self._rests - 1)
+        shows = self._rests == 0 and len(masses) == masses.maxlen and sum(masses) ** 2 > self._least_sum
+        if shows:
+            self._rests = max(1, self._rows.shortest // _LOOKS)
+        return shows
+
 
 _PAUSED = 4
 """The next comparison is due after at least one row for so many that were compared: each costs several fits."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.agents.efficient.change_detector import ChangeDetector
-from coheft.agents.efficient.change_test_schedule import ChangeTestSchedule
+from coheft.agents.efficient.change_detector import ChangeDetector, ChangeTestSchedule
 from coheft.agents.efficient.innovations import EvaluatedRow, Innovations
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session

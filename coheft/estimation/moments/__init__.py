@@ -1,13 +1,13 @@
 """A team's poses, sensor errors and load by linear algebra on second moments of rows.
 
-Read in this order: ``rows`` (samples become rows), ``sensor_errors`` and ``unknowns`` (the parameters), ``corrections``
-and ``body`` (motion and total wrench from rows), ``moments`` and ``row_buffer`` (what is stored of rows),
-``derivatives`` and ``likelihood`` (score and information from moments), ``evidence`` (a quadratic log likelihood with
-the noise of its regressors), ``fit_settings``, ``start`` and ``fit`` (maximum likelihood), ``chapter`` (priors across
-changes), ``change`` (has the load changed?), ``pose_steps`` (or a pose?), ``misfit`` and ``hidden_poses`` (do rows
-fit?), ``misread`` (would they, if one robot's wrenches were read otherwise?), ``suspects`` (what has changed?),
-``widening`` (do tolerances prove too small?), ``undeclared`` (are there errors that no tolerance allows for?),
-``claims`` (what may be published), ``recorded`` (all of this for a recording).
+Read in this order: ``rows`` (samples become rows), ``sensor_errors`` and ``unknowns`` (the parameters), ``body``
+(motion and total wrench from rows), ``moments`` and ``row_buffer`` (what is stored of rows), ``derivatives`` and
+``likelihood`` (score and information from moments), ``evidence`` (a quadratic log likelihood with the noise of its
+regressors), ``fit_settings``, ``start`` and ``fit`` (maximum likelihood), ``chapter`` (priors across changes),
+``change`` (has the load changed?), ``pose_steps`` (or a pose?), ``misfit`` and ``hidden_poses`` (do rows fit?),
+``misread`` (would they, if one robot's wrenches were read otherwise?), ``suspects`` (what has changed?), ``widening``
+(do tolerances prove too small?), ``undeclared`` (are there errors that no tolerance allows for?), ``claims`` (what may
+be published), ``recorded`` (all of this for a recording).
 
 Words that all of these files use:
 

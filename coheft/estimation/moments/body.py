@@ -18,9 +18,8 @@ import numpy as np
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array, skew
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
-from coheft.estimation.moments.corrections import Corrections
 from coheft.estimation.moments.rows import FLEXING_SIZE, KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZE, RowNoise
-from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES
+from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES, Corrections
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices, State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import inertia_operator, pack_symmetric, unpack_symmetric
 from coheft.estimation.rigid_body.regressor import regressor_coefficients, spatial_inertia
