@@ -12,6 +12,7 @@ gravity turns in that frame. The two are compared by how much of the squared res
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -42,9 +43,10 @@ def worst_misfit(residuals: Array, drift: Array | float = 0.0) -> Misfit | None:
     found = list[Misfit]()
     for rows in [rows for rows in WINDOWS if rows <= len(residuals)]:
         whitened = (sums[rows:] - sums[:-rows]) / np.sqrt(rows * (1.0 + rows * drift))
-        of_sources = np.einsum("nsd,nsd->ns", whitened, whitened).max(axis=0)
-        found.append(Misfit(float(of_sources.max()), int(of_sources.argmax())))
-    return max(found, key=lambda each: each.chi_square, default=None)
+        squares = np.einsum("nsd,nsd->ns", whitened, whitened)
+        largest = int(squares.argmax())
+        found.append(Misfit(float(squares.flat[largest]), largest % squares.shape[1]))
+    return max(found, key=itemgetter(0), default=None)
 
 
 def excess_energy(residuals: Array, freedom: float, tolerance: float) -> float:
