@@ -21,6 +21,9 @@ from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.widening import widened
 
+_ROWS_TO_FIND = 3
+"""An undeclared error is found with so many times the rows of a first fit; with fewer it is suspected."""
+
 
 class UndeclaredWatch:
     """Tests for sensor errors whose tolerance is zero, at growing intervals.
@@ -79,10 +82,6 @@ class UndeclaredWatch:
             return False
         self.found, self._over_with = found, min(known.age, self._lasts)
         return True
-
-
-_ROWS_TO_FIND = 3
-"""An undeclared error is found with so many times the rows of a first fit; with fewer it is suspected."""
 
 
 class Tolerances:

@@ -35,6 +35,8 @@ _SURPRISES = 2
 """So many surprising rows in succession start a look."""
 _LOOKS = 4
 """While the newest rows together show another mass, so many looks are started in the time over which they do."""
+_PAUSED = 4
+"""The next comparison is due after at least one row for so many that were compared: each costs several fits."""
 
 
 class ChangeTestSchedule:
@@ -95,10 +97,6 @@ class ChangeTestSchedule:
         if shows:
             self._rests = max(1, self._rows.shortest // _LOOKS)
         return shows
-
-
-_PAUSED = 4
-"""The next comparison is due after at least one row for so many that were compared: each costs several fits."""
 
 
 class Confirmation:

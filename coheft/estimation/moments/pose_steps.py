@@ -32,6 +32,8 @@ _TESTED = slice(2, None, 3)
 """Every third window is tested first, from 3 rows on."""
 _WORTH_A_SEARCH, _SEARCHED = 0.4, 9
 """If the statistic is at least this share of its threshold, so many rows around the likeliest one are tried."""
+_DRIFTING = np.r_[rows.W, rows.A]
+"""Sensors of motion that may drift."""
 
 
 class PoseStep(NamedTuple):
@@ -101,9 +103,6 @@ def likeliest_pose_step(
     earlier = max((first for first in firsts if first < largest.first), default=0)
     between = np.unique(np.linspace(later, earlier, _SEARCHED).astype(int)).tolist()
     return max(map(likeliest, between), key=lambda step: step.statistic)
-
-
-_DRIFTING = np.r_[rows.W, rows.A]
 
 
 class ScoreDrift:
