@@ -19,7 +19,7 @@ from coheft.agents.efficient.row_times import LARGE_TEAM
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import likeliest_step, surprise
+from coheft.estimation.moments.change_at_fit import likeliest_step, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess

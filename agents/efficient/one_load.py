@@ -13,11 +13,13 @@ from itertools import pairwise
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.change import change_within_fit, error_by_step, windows
+from coheft.estimation.moments.change import windows
+from coheft.estimation.moments.change_at_fit import Shown, change_within_fit, error_by_step
 from coheft.estimation.moments.chapter import Chapter, EvidenceAt
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.moments import Moments, ProjectedMoments, wrench_moments
+from coheft.estimation.moments.likelihood import information_on_theta
+from coheft.estimation.moments.moments import ProjectedMoments, wrench_moments
 
 
 class OneLoad:
@@ -27,7 +29,7 @@ class OneLoad:
 
     def __init__(self, estimate: Estimate, chapter: Chapter, fitted: int, end: int) -> None:
         self._estimate, self._chapter, self._fitted, self._end = estimate, chapter, fitted, end
-        self._at_estimate = EvidenceAt(estimate.body)
+        self._at_estimate = EvidenceAt(estimate.derivatives)
         self._drifted: tuple[int, Array] | None = None  # a row's number, and the error there by a drift, (u, 10)
         self._stepped: tuple[int, Array] | None = None  # the number of the first row after a step, and the error
 
@@ -38,7 +40,8 @@ class OneLoad:
 
     def wrenches(self, index: int, end: int) -> Evidence:
         """Evidence of the wrenches of the rows from one index to another, around the estimate."""
-        return self._evidence(ProjectedMoments.of(self._chapter.buffer.rows[index:end], self._estimate.body))
+        body, rows = self._estimate.body, self._chapter.buffer.rows[index:end]
+        return self._at_estimate.of_wrenches(wrench_moments(body, ProjectedMoments.of(rows, body)))
 
     def likeliest_change(self) -> int:
         """Index of the first row after the likeliest change of the load; allows for all uncertainty."""
@@ -48,15 +51,15 @@ class OneLoad:
         for end, index in pairwise([self._end, *(self._end - windows(self._end - start)).tolist()]):
             stretch = self.wrenches(index, end)
             newest = stretch if newest is None else newest + stretch
-            statistics[index] = change_within_fit(newest, self._estimate.inverse, theta)
+            statistics[index] = float(change_within_fit(Shown.of(newest, theta), self._estimate.inverse))
         return max(statistics, key=lambda index: statistics[index], default=start)
 
     def error_by_step(self, index: int) -> Array:
         """Derivative of the error by a step of theta before the row at this index, shape (u, 10)."""
         number = self._chapter.buffer.number_at(index)
         if self._stepped is None or self._stepped[0] != number:
-            wrenches, theta = self.wrenches(index, self._fitted), self._estimate.body.unknowns.theta
-            self._stepped = number, error_by_step(wrenches, self._estimate.inverse, theta)
+            newest = self._on_theta(self._chapter.buffer.rows[index : self._fitted])
+            self._stepped = number, error_by_step(newest, self._estimate.inverse, self._estimate.body.unknowns.theta)
         return self._stepped[1]
 
     def error_by_drift(self, missing: float = 0.0) -> Array:
@@ -74,13 +77,15 @@ class OneLoad:
         buffer, body, theta = self._chapter.buffer, self._estimate.body, self._estimate.body.unknowns.theta
         rows, older = self._end - buffer.start, buffer.load_rows - (buffer.count - buffer.start)
         ages = rows - 1.0 - np.arange(self._fitted - buffer.start)
-        kept = np.sqrt(ages)[:, None] * buffer.rows[buffer.start : self._fitted]
-        aged = self._evidence(ProjectedMoments.of(kept, body)).information
+        aged = self._on_theta(np.sqrt(ages)[:, None] * buffer.rows[buffer.start : self._fitted])
         if older:
-            aged = aged + (rows + 0.5 * older) * self._evidence(buffer.moments_dropped()).information
-        aged = aged + (rows + older) * self._chapter.prior_evidence(body).information
-        return -self._estimate.inverse @ aged[:, theta]
+            dropped = wrench_moments(body, buffer.moments_dropped())
+            aged += (rows + 0.5 * older) * information_on_theta(self._estimate.derivatives, dropped)
+        aged += (rows + older) * self._chapter.prior_evidence(body).information[:, theta]
+        return -self._estimate.inverse @ aged
 
-    def _evidence(self, moments: Moments) -> Evidence:
-        """Evidence of wrenches with these moments, around the estimate."""
-        return self._at_estimate.of_wrenches(wrench_moments(self._estimate.body, moments))
+    def _on_theta(self, rows: Array) -> Array:
+        """Information between all unknowns and theta of the wrenches of rows (n, X), shape (u, 10)."""
+        body = self._estimate.body
+        moments = wrench_moments(body, ProjectedMoments.of(rows, body))
+        return information_on_theta(self._estimate.derivatives, moments)

@@ -228,7 +228,7 @@ class Suspicion:
         if is_at_present:
             before = before.with_load_of(known)
         rows = np.array([self._rows[number] for number in numbers])
-        ratios = partial(self._ratios, before, EvidenceAt(before.estimate.body), rows)
+        ratios = partial(self._ratios, before, EvidenceAt(before.estimate.derivatives), rows)
         load, _ = _likeliest(len(numbers), index, lambda start: ratios(start).load)
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))

@@ -3,8 +3,8 @@
     covariance + s^2 D E[x x^T] D^T + that of the error by the drift,    x = 1 kg anywhere in the load
 
 with the standard deviation ``s`` of a step [kg]. ``D`` is the derivative of the error by a step of theta, see
-``change.error_by_step``: poses and sensor errors that were fitted together with one load to rows of two loads are
-wrong, too. For the drift, see ``load_drift``. Nothing shows steps while rows were missing but the rows since:
+``change_at_fit.error_by_step``: poses and sensor errors that were fitted together with one load to rows of two loads
+are wrong, too. For the drift, see ``load_drift``. Nothing shows steps while rows were missing but the rows since:
 
     error <= z sigma sqrt(I_n / I_k),    I_k = k times the information of one row
 

@@ -7,9 +7,7 @@ With ``H`` and ``e`` the information and its vector of all rows of the load, and
 
 which is the sum of squared residuals of all rows, less those of older and of newer ones fitted separately. The wrench
 offset stays when the load changes: it is among the unknowns of ``H``, but only the part of ``S_k`` that concerns theta
-is tested. This is the first test, at fixed poses (``look_for_change``). The second (``surprise``) tests the newest
-rows against a fit to all older ones, and includes the full uncertainty of that fit. A third statistic is of a change
-among the rows of one fit (``change_within_fit``), of the load or, in ``pose_steps``, of a pose.
+is tested. This is the first test, at fixed poses (``look_for_change``); ``change_at_fit`` has the second.
 """
 
 from __future__ import annotations
@@ -23,9 +21,8 @@ import numpy as np
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
-from coheft.estimation.linear_algebra import is_positive_definite
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.evidence import Evidence, seen_directions
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.likelihood import information_table
 from coheft.estimation.moments.row_buffer import VIEW_SIZE
@@ -40,15 +37,6 @@ _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 _SPHERE: Array = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
 _SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
 """Points all over the unit sphere."""
-_LEAST_MOTION_SHARE = 0.1
-"""Directions are tested if at least this share of their information is motion, not its noise."""
-_WELL = 1e-6
-"""Least eigenvalue of a scaled matrix that is inverted without testing its directions."""
-_LEFT = 0.05
-"""A change is located by directions that older rows show as well: a fit to all rows leaves at least this share of the
-information of the newest ones."""
-ROUNDING_SHARE = 1e-10
-"""Share of the information below which all is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,72 +143,9 @@ def look_for_change(
     return Look(index, statistic, None if small is None else scores.small_step(small))
 
 
-def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
-    """Run the second test: return the statistic over its threshold, with the uncertainty of all unknowns.
-
-    ``newest`` is evidence around a fit to all other rows, in which the unknowns have this covariance (u, u).
-    """
-    _, score, spread = _score_of(theta, newest, covariance)
-    if len(score) == 0:
-        return 0.0
-    return float(score @ np.linalg.solve(spread, score)) / chi_square_threshold(len(score), FALSE_ALARM)
-
-
 def windows(count: int) -> Indices:
     """Numbers of newest rows to test in the search for a change among so many rows, smallest first."""
     return _WINDOWS[: np.searchsorted(_WINDOWS, count)]
-
-
-def change_within_fit(newest: Evidence, inverse: Array, changed: slice | Indices, drift: Array | None = None) -> float:
-    """Return the statistic of a change of some unknowns among the rows of a fit, chi-square with as many degrees of
-    freedom as there are unknowns, or fewer.
-
-        S = e_k,    V = H_k - H_k H^-1 H_k + D    of these, with the score ``e_k`` of the newest rows at the fit
-
-    Args:
-        newest: Evidence of the rows since the change, around that fit.
-        inverse: Inverse ``H^-1`` of the information of that fit on all unknowns, shape (u, u).
-        changed: Indices of the unknowns that may have changed.
-        drift: ``D``, the covariance of the score due to drifting sensors; None if they do not drift.
-
-    Returns:
-        The statistic; 0 if these rows do not show them.
-    """
-    _, score, spread = _score_of(changed, newest, -inverse, drift)  # the fit is to these rows as well
-    shares, directions = np.linalg.eigh(spread)
-    is_left = shares > _LEFT
-    return float(((directions[:, is_left].T @ score) ** 2 / shares[is_left]).sum())
-
-
-def error_by_step(newest: Evidence, inverse: Array, theta: slice) -> Array:
-    """Return the derivative of a fit's error by a step of theta that it does not allow for, shape (u, 10).
-
-        x^ - x = (H^-1 H_k - E) step,    E = unit vectors of theta
-
-    with the information ``H_k`` of the rows since the step that are in the fit, and the inverse ``H^-1`` (u, u) of its
-    own.
-    """
-    return inverse @ newest.information[:, theta] - np.eye(len(inverse))[:, theta]
-
-
-def likeliest_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
-    """Return the likeliest difference (10,) of theta from that fit; arguments as for ``surprise``, but the covariance
-    includes that of the difference.
-    """
-    shown, score, spread = _score_of(theta, newest, covariance)
-    return covariance[theta] @ shown.T @ np.linalg.solve(spread, score)
-
-
-def _score_of(
-    some: slice | Indices, newest: Evidence, covariance: Array, drift: Array | None = None
-) -> tuple[Array, Array, Array]:
-    """Return derivative (k, u), score (k,) and its covariance (k, k), in directions of some unknowns with motion."""
-    of_noise, of_all = newest.noise[some][:, some], newest.information[some]
-    tested, _ = seen_directions(of_all[:, some] + of_noise, of_noise)
-    shown = tested @ of_all
-    own = of_all[:, some] + of_noise if drift is None else of_all[:, some] + of_noise + drift
-    spread = tested @ own @ tested.T + shown @ covariance @ shown.T
-    return shown, tested @ newest.score[some], spread
 
 
 class _Scores(NamedTuple):
@@ -319,22 +244,3 @@ def one_kilogram(load: Array) -> Array:
     """Change of theta (10,) by 1 kg at the centre of mass of a load (16,); zeros if the load has no mass."""
     mass, *moment = load[THETA][:4]
     return point_mass(np.array(moment) / mass) if mass > 0.0 else np.zeros(10)
-
-
-def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
-    """Return directions, as rows (k, u), in which there is motion, and its share of the information there (k, k).
-
-    ``matrix``, information with noise, is the identity in these directions.
-    """
-    scale = np.maximum(matrix.diagonal(), 1e-300) ** -0.5
-    scaled, of_noise = scale[:, None] * matrix * scale, scale[:, None] * noise * scale
-    one = np.eye(len(matrix))
-    if is_positive_definite((1.0 - _LEAST_MOTION_SHARE) * scaled - of_noise - _WELL * one):  # all of them
-        white: Array = np.asarray(np.linalg.inv(np.linalg.cholesky(scaled)))
-        return white * scale, one - white @ of_noise @ white.T
-    values, vectors = np.linalg.eigh(scaled)
-    is_real = values > ROUNDING_SHARE * values[-1]
-    white = (vectors[:, is_real] / np.sqrt(values[is_real])).T
-    shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ of_noise @ white.T)
-    is_seen = shares > _LEAST_MOTION_SHARE
-    return directions[:, is_seen].T @ white * scale, np.diag(shares[is_seen])

@@ -11,17 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.derivatives import WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments
 from coheft.estimation.moments.fit_settings import FitSettings, Guess, expected_errors
-from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_evidence
+from coheft.estimation.moments.likelihood import Derivatives, motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import (
     EvaluatedMoments,
     Moments,
@@ -175,13 +173,13 @@ class Chapter:
                 self.prior = self.prior.with_process_noise(slice(None), noise)
 
     def _prior_with_wrenches(self, estimate: Estimate, moments: Moments) -> Prior:
-        found = EvidenceAt(estimate.body).of_wrenches(wrench_moments(estimate.body, moments))
+        found = EvidenceAt(estimate.derivatives).of_wrenches(wrench_moments(estimate.body, moments))
         return self._prior_with(estimate, self._beyond_doubt(estimate, found))
 
     def end(self, estimate: Estimate, index: int) -> Prior:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior; return it."""
         of_all, of_load = self.buffer.begin_chapter(index)
-        evidence = EvidenceAt(estimate.body).of(evaluated_moments(estimate.body, of_all, of_load))
+        evidence = EvidenceAt(estimate.derivatives).of(evaluated_moments(estimate.body, of_all, of_load))
         evidence = self._beyond_doubt(estimate, evidence)
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
@@ -190,7 +188,7 @@ class Chapter:
 
     def posterior(self, estimate: Estimate, evaluate: EvaluateMoments) -> Prior:
         """Return the posterior as a prior for another robot or team; ``evaluate`` may leave out rows."""
-        evidence = EvidenceAt(estimate.body).of(evaluate(estimate.body))
+        evidence = EvidenceAt(estimate.derivatives).of(evaluate(estimate.body))
         return self._prior_with(estimate, self._beyond_doubt(estimate, evidence))
 
     def _beyond_doubt(self, estimate: Estimate, evidence: Evidence) -> Evidence:
@@ -209,24 +207,22 @@ class Chapter:
 
 
 class EvidenceAt:
-    """Evidence at one state with a load: derivatives (``factors`` of the information of motion sensors), and what noise
-    adds per row, are computed once.
+    """Evidence at one state with a load; what noise adds per row is computed once.
+
+    Args:
+        derivatives: Derivatives at the state.
     """
 
-    def __init__(self, body: BodyModel) -> None:
-        self._body, self.factors = body, MotionFactors.at(body)
+    def __init__(self, derivatives: Derivatives) -> None:
+        self._derivatives = derivatives
         self._motion_noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
         self._wrench_noise: Array | None = None
 
-    @cached_property
-    def _wrench_derivatives(self) -> WrenchDerivatives:
-        return WrenchDerivatives.at(self._body, self.factors.derivatives)
-
     def of(self, moments: EvaluatedMoments) -> Evidence:
         """Evidence of motions and wrenches."""
-        number = moments.motion.number
+        body, number = self._derivatives.body, moments.motion.number
         noise = None if self._motion_noise is None else number * self._motion_noise
-        by_motion = motion_evidence(self._body, self.factors, moments.motion, noise)
+        by_motion = motion_evidence(body, self._derivatives.motion, moments.motion, noise)
         if noise is None and number > 0.0:
             self._motion_noise = by_motion.noise / number
         return by_motion + self.of_wrenches(moments.wrench)
@@ -235,7 +231,7 @@ class EvidenceAt:
         """Evidence of wrenches alone."""
         number = moments.number
         noise = None if self._wrench_noise is None else number * self._wrench_noise
-        by_wrench = wrench_evidence(self._body, self._wrench_derivatives, moments, noise)
+        by_wrench = wrench_evidence(self._derivatives.body, self._derivatives.wrench, moments, noise)
         if noise is None and number > 0.0:
             self._wrench_noise = by_wrench.noise / number
         return by_wrench

@@ -14,7 +14,7 @@ predictions are uncertain by
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from coheft.estimation.moments.body import (
     residual_covariance,
 )
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZE
-from coheft.estimation.moments.unknowns import POSE_SIZE, THETA
+from coheft.estimation.moments.unknowns import POSE_SIZE, THETA, Indices
 from coheft.estimation.rigid_body.regressor import spatial_inertia
 
 FOUND_TWIST, FOUND, COMMON, WEIGHTED = (slice(first, first + 6) for first in range(0, 24, 6))
@@ -86,6 +86,10 @@ class MotionDerivatives:
         """Compute those by sensor errors with these generators (k, width, width), which need not be declared."""
         own, common = _by_errors(body, generators)
         return MotionDerivatives._of(body, own, common.reshape(-1, 6, body.features))
+
+    def by_poses(self, poses: Indices) -> MotionDerivatives:
+        """Only those by poses, whose indices (N, 6) among all unknowns these are."""
+        return MotionDerivatives(self.own[:, :POSE_SIZE], self.of_team[poses.ravel()])
 
     @staticmethod
     def _of(body: BodyModel, own: Array, common: Array) -> MotionDerivatives:
@@ -149,6 +153,10 @@ class WrenchDerivatives:
         """Compute those by sensor errors with these generators, by which ``motion`` are the derivatives."""
         root, local = whitening(body), _wrenches_by_errors(body, generators)
         return WrenchDerivatives._of(body, root, local, _forcing(body, motion, root))
+
+    def by_poses(self, poses: Indices) -> WrenchDerivatives:
+        """Only those by poses, whose indices (N, 6) among all unknowns these are."""
+        return replace(self, local=self.local[:, :POSE_SIZE], common=self.common[poses.ravel()])
 
     @staticmethod
     def _of(body: BodyModel, root: Array, local: Array, common: Array) -> WrenchDerivatives:

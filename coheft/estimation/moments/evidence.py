@@ -24,6 +24,12 @@ _DOUBT, _LEAST_DOUBT = 5.0, 0.3
 """The noise is uncertain by so many of its standard deviations, and at least by this share (noise tolerances)."""
 _HIDDEN = 400.0
 """Assumed variance of a hidden direction, over that at which it would just be seen: 20 times the deviation."""
+_LEAST_MOTION_SHARE = 0.1
+"""Directions are tested if at least this share of their information is motion, not its noise."""
+_WELL = 1e-6
+"""Least eigenvalue of a scaled matrix that is inverted without testing its directions."""
+ROUNDING_SHARE = 1e-10
+"""Share of the information below which all is rounding."""
 
 
 class Solution(NamedTuple):
@@ -171,3 +177,37 @@ class Evidence:
         inverse = seen.T @ inverse_of(seen @ self.information @ seen.T) @ seen
         of_hidden = _HIDDEN * hidden.T @ inverse_of(hidden / limits**2 @ hidden.T) @ hidden
         return Solution(inverse, inverse + inverse @ self.noise @ inverse, of_hidden)
+
+
+def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
+    """Return directions, as rows (k, u), in which there is motion, and its share of the information there (k, k).
+
+    ``matrix``, information with noise, is the identity in these directions.
+    """
+    if (found := all_directions(matrix, noise)) is not None:
+        return found
+    scale = _scale(matrix)
+    scaled, of_noise = scale[:, None] * matrix * scale, scale[:, None] * noise * scale
+    values, vectors = np.linalg.eigh(scaled)
+    is_real = values > ROUNDING_SHARE * values[-1]
+    white = (vectors[:, is_real] / np.sqrt(values[is_real])).T
+    shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ of_noise @ white.T)
+    is_seen = shares > _LEAST_MOTION_SHARE
+    return directions[:, is_seen].T @ white * scale, np.diag(shares[is_seen])
+
+
+def all_directions(matrix: Array, noise: Array) -> tuple[Array, Array] | None:
+    """Return the same for matrices (..., u, u) whose rows show all directions; None if one of them does not."""
+    scale = _scale(matrix)
+    scaled, of_noise = (scale[..., :, None] * each * scale[..., None, :] for each in (matrix, noise))
+    one = np.eye(matrix.shape[-1])
+    if not is_positive_definite((1.0 - _LEAST_MOTION_SHARE) * scaled - of_noise - _WELL * one):
+        return None
+    white: Array = np.asarray(np.linalg.inv(np.linalg.cholesky(scaled)))
+    return white * scale[..., None, :], one - white @ of_noise @ white.swapaxes(-1, -2)
+
+
+def _scale(matrix: Array) -> Array:
+    """Return what makes the diagonal of matrices (..., u, u) one, shape (..., u)."""
+    result: Array = np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300) ** -0.5
+    return result

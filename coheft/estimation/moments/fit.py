@@ -16,7 +16,7 @@ from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
-from coheft.estimation.moments.likelihood import MotionFactors, motion_evidence, wrench_evidence
+from coheft.estimation.moments.likelihood import Derivatives, MotionFactors, motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.unknowns import Flags, State
 
@@ -68,6 +68,11 @@ class Estimate:
         """Variance of the mass [kg²]."""
         mass = self.body.unknowns.theta.start
         return float(self.seen[mass, mass] + self.hidden[mass, mass])
+
+    @cached_property
+    def derivatives(self) -> Derivatives:
+        """Derivatives of residuals at the state, which has a load."""
+        return Derivatives(self.body)
 
     @cached_property
     def misses_poses(self) -> bool:

@@ -13,6 +13,7 @@ of it can be computed without the rest:
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -58,10 +59,13 @@ class Factor(NamedTuple):
         of_robots[range(count), :, range(count)] += blocks
         return result
 
-    def triples_times(self, right: Factor) -> Array:
-        """Compute the information of each three own unknowns, shape (N k / 3, 3, 3); there are no common unknowns."""
+    def groups_times(self, right: Factor, size: int) -> Array:
+        """Compute the information of each group of so many own unknowns, shape (N k / size, size, size).
+
+        Both factors have no common unknowns.
+        """
         left, other = (
-            [part.reshape(-1, 3, part.shape[-1]) for part in (*each.team, *each.own)] for each in (self, right)
+            [part.reshape(-1, size, part.shape[-1]) for part in (*each.team, *each.own)] for each in (self, right)
         )
         return _sum_of_products(left, other)
 
@@ -94,12 +98,12 @@ def motion_evidence(
     """
     size, motion = body.unknowns.size, body.unknowns.motion_size
     score, information = np.zeros(size), np.zeros((size, size))
-    clean, of_noise = motion_grams(body, moments)
+    clean = motion_grams(body, moments)
     score[:motion] = motion_score(body, factors.derivatives, moments)
     information[:motion, :motion] = _symmetric(factors.left(clean).times(factors.right))
     if noise is None:
         noise = np.zeros((size, size))
-        noise[:motion, :motion] = _symmetric(factors.left(of_noise).times(factors.right))
+        noise[:motion, :motion] = _symmetric(factors.left(noise_grams(body, moments.number)).times(factors.right))
     return Evidence.of_rows(score, information, noise, moments.number)
 
 
@@ -123,11 +127,17 @@ def motion_score(body: BodyModel, derivatives: MotionDerivatives, moments: Motio
     return score
 
 
-def motion_grams(body: BodyModel, moments: MotionMoments) -> tuple[Grams, Grams]:
-    """Return the moments of ``psi`` without its noise, for twists also without means, and then those of its noise."""
-    of_motion, of_noise = moments.of_motion, moments.number * body.motion_noise
-    clean, means = of_motion - of_noise, of_motion[0] / max(moments.number, 1.0)
-    return Grams(clean - of_motion[:, :1] * means, clean), Grams(of_noise, of_noise)
+def motion_grams(body: BodyModel, moments: MotionMoments) -> Grams:
+    """Return the moments of ``psi`` without its noise, for twists also without means."""
+    of_motion, means = moments.of_motion, moments.of_motion[0] / max(moments.number, 1.0)
+    clean = of_motion - moments.number * body.motion_noise
+    return Grams(clean - of_motion[:, :1] * means, clean)
+
+
+def noise_grams(body: BodyModel, number: float) -> Grams:
+    """Return what noise adds to the moments of ``psi`` of so many rows."""
+    of_noise = number * body.motion_noise
+    return Grams(of_noise, of_noise)
 
 
 class MotionFactors(NamedTuple):
@@ -206,6 +216,27 @@ def wrench_evidence(
     return Evidence.of_rows(wrench_score(derivatives, clean), information, noise, moments.number)
 
 
+class Derivatives:
+    """Derivatives at one state with a load, each computed when it is first needed.
+
+    Args:
+        body: Matrices at the state.
+    """
+
+    def __init__(self, body: BodyModel) -> None:
+        self.body = body
+
+    @cached_property
+    def motion(self) -> MotionFactors:
+        """Of motion sensors."""
+        return MotionFactors.at(self.body)
+
+    @cached_property
+    def wrench(self) -> WrenchDerivatives:
+        """Of the total wrench."""
+        return WrenchDerivatives.at(self.body, self.motion.derivatives)
+
+
 def without_noise(body: BodyModel, moments: WrenchMoments) -> WrenchMoments:
     """Return the moments less the contribution of the noise of wrenches and of ``psi``."""
     number, count, of_wrenches = moments.number, body.count, moments.of_wrenches.copy()
@@ -239,6 +270,18 @@ def wrench_factors(body: BodyModel, derivatives: WrenchDerivatives, moments: Wre
     of_wrenches = moments.of_wrenches.reshape(count, size, count, size)[range(count), :, range(count)]
     by_wrenches = (by_robot @ of_wrenches).reshape(local.shape)
     return Factor.of([crossed, common], [by_wrenches]), Factor.of([common, crossed], [local])
+
+
+def information_on_theta(derivatives: Derivatives, moments: WrenchMoments) -> Array:
+    """Information of the total wrench between all unknowns and theta, shape (u, 10), without that on all of them."""
+    body, by = derivatives.body, derivatives.wrench
+    clean, (count, own, _, size) = without_noise(body, moments), by.local.shape
+    by_theta = by.common[body.unknowns.theta]
+    by_common = by.common.reshape(len(by.common), -1) @ (by_theta @ clean.of_motion).reshape(len(by_theta), -1).T
+    with_theta = (clean.with_motion @ by_theta.reshape(-1, body.features).T).reshape(count, size, -1, 6)
+    flat = with_theta.transpose(0, 3, 1, 2).reshape(count, 6 * size, -1)
+    by_common[: count * own] += (by.local.reshape(count, own, -1) @ flat).reshape(count * own, -1)
+    return by_common
 
 
 def between_robots(left: WrenchDerivatives, right: WrenchDerivatives, moments: WrenchMoments) -> Array:

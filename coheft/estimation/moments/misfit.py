@@ -20,7 +20,8 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import ROUNDING_SHARE, InformationMaps
+from coheft.estimation.moments.change import InformationMaps
+from coheft.estimation.moments.evidence import ROUNDING_SHARE
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET
 
 WINDOWS = (1, 2, 4, 8, 16, 32)

@@ -17,14 +17,15 @@ import numpy as np
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments import rows
+from coheft.estimation.moments.beside_fit import BesideFit
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import change_within_fit, windows
-from coheft.estimation.moments.chapter import Chapter, EvidenceAt
+from coheft.estimation.moments.change import windows
+from coheft.estimation.moments.change_at_fit import Shown, change_within_fit
+from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives, whitening
-from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.moments import RowMoments, evaluated_moments, wrench_indices
+from coheft.estimation.moments.moments import ProjectedMoments, evaluated_moments, wrench_indices
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import POSE_SIZE
 
@@ -47,24 +48,37 @@ class PoseStep(NamedTuple):
 
 
 class NewestRows:
-    """Evidence of the newest rows of a chapter at a fit to all of them."""
+    """What newest rows show of all poses at a fit to all rows.
+
+    Args:
+        estimate: The fit.
+        chapter: The rows.
+    """
 
     def __init__(self, estimate: Estimate, chapter: Chapter) -> None:
-        self._body, self._buffer, self._at_estimate = estimate.body, chapter.buffer, EvidenceAt(estimate.body)
-        nothing = RowMoments(np.zeros((chapter.buffer.rows.shape[1],) * 2))
-        self._moments = {chapter.buffer.count: (nothing, nothing)}  # of all rows since an index, and of wrenches
+        self._body, self._buffer = body, buffer = estimate.body, chapter.buffer
+        of_fit, poses = estimate.derivatives, body.unknowns.poses
+        by_poses = of_fit.motion.derivatives.by_poses(poses), of_fit.wrench.by_poses(poses)
+        self._poses = BesideFit(of_fit, *by_poses, POSE_SIZE)
+        self._noise = self._poses.noise(1.0, 0.0)[1], self._poses.noise(0.0, 1.0)[1]  # in one row, (N, 6, 6) each
+        nothing = ProjectedMoments.of(buffer.rows[:0], body)
+        self._moments = {buffer.count: (nothing, nothing)}  # of all rows since an index, and of wrenches
 
-    def since(self, first: int) -> Evidence:
-        """Of the rows from this index on."""
-        buffer, later = self._buffer, min(index for index in self._moments if index >= first)
+    def since(self, first: int) -> Shown:
+        """Of the rows from this index on, of each robot's pose."""
+        buffer, body, later = self._buffer, self._body, min(index for index in self._moments if index >= first)
         of_all, of_load = self._moments[later]
         if first >= buffer.start:
-            of_all = of_load = of_all + RowMoments.of(buffer.rows[first:later])
+            of_all = of_load = of_all + ProjectedMoments.of(buffer.rows[first:later], body)
         else:  # wrenches before are of another load
-            of_all += RowMoments.of(buffer.rows[first:later])
-            of_load += RowMoments.of(buffer.rows[min(buffer.start, later) : later])
+            of_all += ProjectedMoments.of(buffer.rows[first:later], body)
+            of_load += ProjectedMoments.of(buffer.rows[min(buffer.start, later) : later], body)
         self._moments[first] = of_all, of_load
-        return self._at_estimate.of(evaluated_moments(self._body, of_all, of_load))
+        moments = evaluated_moments(body, of_all, of_load)
+        score, information, alone = self._poses.evidence(moments)
+        noise = moments.motion.number * self._noise[0] + moments.wrench.number * self._noise[1]
+        by_robot = information.reshape(*alone.shape[:2], -1)
+        return Shown(score.reshape(-1, POSE_SIZE), by_robot, alone + noise, noise)
 
 
 def likeliest_pose_step(
@@ -81,16 +95,13 @@ def likeliest_pose_step(
     """
     newest, count = NewestRows(estimate, chapter), chapter.buffer.count
     threshold = chi_square_threshold(POSE_SIZE, false_alarm)
-    others = [(robot, pose) for robot, pose in enumerate(estimate.body.unknowns.poses) if robot != anchor]
 
     def likeliest(first: int) -> PoseStep:
-        evidence = newest.since(first)
-        found = list[tuple[float, int]]()
-        for robot, pose in others:
-            by_drift = None if drift is None else drift.covariance(first, robot)
-            found.append((change_within_fit(evidence, estimate.inverse, pose, by_drift), robot))
-        statistic, robot = max(found)
-        return PoseStep(first, robot, statistic / threshold)
+        by_drift = 0.0 if drift is None else drift.covariances(first)
+        statistics = change_within_fit(newest.since(first), estimate.inverse, by_drift)
+        statistics[anchor] = 0.0
+        robot = int(statistics.argmax())
+        return PoseStep(first, robot, float(statistics[robot]) / threshold)
 
     firsts = (count - windows(count)[_TESTED]).tolist()
     if chapter.prior is not None:
@@ -142,14 +153,14 @@ class ScoreDrift:
         self._steps[:, range(6), range(6)] = kinematics
         self._steps[:, 6:, 6:] = root @ settings.drifted_wrench(body, settings.period) @ root.T
 
-    def covariance(self, first: int, robot: int) -> Array:
-        """Covariance (6, 6) of the score of a robot's pose in the rows from this index on."""
-        derivatives = self._derivatives[robot]
-        number = len(derivatives)
-        following = np.zeros_like(derivatives)
-        following[first:] = np.cumsum(derivatives[first:][::-1], axis=0)[::-1]
-        following[:first] = following[first]
-        following -= following[0] * ((number - np.arange(number)) / number)[:, None, None]
-        steps = self._periods[:, None, None] * following
-        result: Array = np.einsum("tca,cd,tdb->ab", steps, self._steps[robot], following, optimize=True)
+    def covariances(self, first: int) -> Array:
+        """Covariances (N, 6, 6) of the scores of all poses in the rows from this index on."""
+        count, number = self._derivatives.shape[:2]
+        following = np.zeros_like(self._derivatives)
+        following[:, first:] = np.cumsum(self._derivatives[:, first:][:, ::-1], axis=1)[:, ::-1]
+        following[:, :first] = following[:, first, None]
+        following -= following[:, :1] * ((number - np.arange(number)) / number)[:, None, None]
+        steps = (self._periods[:, None, None] * following).reshape(count, -1, POSE_SIZE)
+        moved = (self._steps[:, None] @ following).reshape(count, -1, POSE_SIZE)
+        result: Array = steps.swapaxes(1, 2) @ moved
         return result

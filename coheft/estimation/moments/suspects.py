@@ -28,8 +28,7 @@ from coheft.estimation.moments.body import (
     load_operator,
     residual_covariance,
 )
-from coheft.estimation.moments.change import seen_directions
-from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.evidence import Evidence, seen_directions
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import Guess
 from coheft.estimation.moments.moments import robot_indices

@@ -19,22 +19,14 @@ import numpy as np
 
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.beside_fit import BesideFit
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.chapter import Chapter, EvidenceAt
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.likelihood import (
-    MotionFactors,
-    between_robots,
-    motion_grams,
-    motion_score,
-    noise_factors,
-    without_noise,
-    wrench_factors,
-    wrench_score,
-)
+from coheft.estimation.moments.likelihood import Derivatives
 from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, TWIST, WRENCH
 from coheft.estimation.moments.sensor_errors import DELAYS, KINDS, SensorErrors
@@ -92,13 +84,12 @@ def undeclared_error(
     if not kinds and settings.has_gyro_offset and settings.has_offset:
         return None
     moments, before = chapter.evaluation()(body), chapter.prior_evidence(body)
-    at_estimate, free = EvidenceAt(body), settings.free(body.unknowns, anchor, with_load=True)
-    rows = at_estimate.of(moments)
+    rows, free = EvidenceAt(estimate.derivatives).of(moments), settings.free(body.unknowns, anchor, with_load=True)
     fitted = (rows + before).restricted(free)
     solution = fitted.solve(settings.limits(body.unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
-    parts = [_Tests.of_robots(body, at_estimate.factors, kinds, moments)] if kinds else []
+    parts = [_Tests.of_robots(estimate.derivatives, kinds, moments)] if kinds else []
     if not settings.has_gyro_offset:
         parts.append(_Tests.of_common([(None, "gyro_bias")], rows, body.unknowns.gyros, np.eye(3)[None]))
     if not settings.has_offset:
@@ -136,33 +127,19 @@ class _Tests(NamedTuple):
     own_noise: Array
 
     @staticmethod
-    def of_robots(body: BodyModel, fit: MotionFactors, kinds: Sequence[str], moments: EvaluatedMoments) -> _Tests:
+    def of_robots(of_fit: Derivatives, kinds: Sequence[str], moments: EvaluatedMoments) -> _Tests:
         """Evidence on errors of these kinds of those robots that do not declare them."""
+        body = of_fit.body
         errors = _errors_of((*kinds, *body.unknowns.errors.names))
         generators, names = errors.generators[errors.are(*kinds)], [name for name in KINDS if name in kinds]
         every = [(robot, name) for robot in range(body.count) for name in names]
         chosen = np.flatnonzero(np.transpose([_are_exact(body, name) for name in names]))
 
-        tested = MotionDerivatives.by_errors(body, generators)
-        wrench = without_noise(body, moments.wrench)
-        wrench_fit = WrenchDerivatives.at(body, fit.derivatives)
-        wrench_tested = WrenchDerivatives.by_errors(body, tested, generators)
-        score = motion_score(body, tested, moments.motion) + wrench_score(wrench_tested, wrench)
-
-        left, right = wrench_factors(body, wrench_tested, wrench)
-        information = left.times(wrench_factors(body, wrench_fit, wrench)[1])
-        own_information = left.triples_times(right)
-        of_robots = slice(0, body.count * body.unknowns.own)
-        information[:, of_robots] += between_robots(wrench_tested, wrench_fit, wrench)
-        left, right = noise_factors(body, wrench_tested, wrench.number)
-        noise, own_noise = left.times(noise_factors(body, wrench_fit, wrench.number)[1]), left.triples_times(right)
-
-        factors, motion = MotionFactors.of(body, tested), body.unknowns.motion_size
-        by_grams = ((information, own_information), (noise, own_noise))
-        for grams, (total, own) in zip(motion_grams(body, moments.motion), by_grams, strict=True):
-            left = factors.left(grams)
-            total[:, :motion] += left.times(fit.right)
-            own += left.triples_times(factors.right)
+        motion = MotionDerivatives.by_errors(body, generators)
+        wrench = WrenchDerivatives.by_errors(body, motion, generators)
+        tested = BesideFit(of_fit, motion, wrench, 3)
+        score, information, own_information = tested.evidence(moments)
+        noise, own_noise = tested.noise(moments.motion.number, moments.wrench.number)
         size = body.unknowns.size
         of_all = score.reshape(-1, 3), information.reshape(-1, 3, size), noise.reshape(-1, 3, size)
         return _Tests([every[k] for k in chosen], *(each[chosen] for each in (*of_all, own_information, own_noise)))

@@ -10,7 +10,8 @@ import pytest
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.change import FALSE_ALARM, InformationMaps, StepThresholds, look_for_change, surprise
+from coheft.estimation.moments.change import FALSE_ALARM, InformationMaps, StepThresholds, look_for_change
+from coheft.estimation.moments.change_at_fit import surprise
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence

@@ -9,7 +9,8 @@ import pytest
 
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.change import change_within_fit, error_by_step, windows
+from coheft.estimation.moments.change import windows
+from coheft.estimation.moments.change_at_fit import Shown, change_within_fit, error_by_step
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.likelihood import wrench_evidence
@@ -32,7 +33,8 @@ def wrenches(found: Fitted, rows: Array) -> Evidence:
 
 def statistic(found: Fitted, rows: Array) -> float:
     estimate = found.estimate
-    return change_within_fit(wrenches(found, rows), estimate.inverse, estimate.body.unknowns.theta)
+    newest = Shown.of(wrenches(found, rows), estimate.body.unknowns.theta)
+    return float(change_within_fit(newest, estimate.inverse))
 
 
 @pytest.mark.parametrize("newest", [10, 40])
@@ -42,7 +44,7 @@ def test_a_step_that_a_fit_does_not_allow_for_makes_poses_and_load_wrong(newest:
     changed = team.holding(team.load * np.repeat([1.0, 1.002], [6, 10]), slice(first, None))
     rows = changed.noisy(np.random.default_rng(3), QUIET.noise)
     found, theta = fit(rows, QUIET), IDEAL.body(team.state()).unknowns.theta
-    derivative = error_by_step(wrenches(found, rows[first:]), found.estimate.inverse, theta)
+    derivative = error_by_step(wrenches(found, rows[first:]).information[:, theta], found.estimate.inverse, theta)
     now = team.holding(team.load * np.repeat([1.0, 1.002], [6, 10]))
     error, expected = -found.error(now), derivative @ step[THETA]
     deviations = np.sqrt(np.maximum(found.estimate.seen.diagonal(), 1e-30))
@@ -63,7 +65,27 @@ def test_without_a_change_the_statistic_is_chi_square() -> None:
 
 def test_rows_that_do_not_show_the_load_show_no_change_of_it() -> None:
     nothing = Evidence(np.ones(16), np.zeros((16, 16)), np.eye(16), np.eye(16))
-    assert change_within_fit(nothing, np.eye(16), slice(6, 16)) == 0.0
+    assert change_within_fit(Shown.of(nothing, slice(6, 16)), np.eye(16)) == 0.0
+
+
+def test_groups_are_tested_as_each_alone_would_be_even_if_some_are_not_seen() -> None:
+    rng = np.random.default_rng(1)
+    roots = rng.normal(size=(3, 6, 20))
+    information, noise = roots @ roots.swapaxes(1, 2), 0.01 * np.broadcast_to(np.eye(6), (3, 6, 6))
+    unseen = information.copy()
+    unseen[1, 5] = unseen[1, :, 5] = 0.0
+    inverse, drift = 1e-3 * np.eye(6), 0.5 * np.broadcast_to(np.eye(6), (3, 6, 6))
+    for each in (information, unseen):
+        shown = Shown(rng.normal(size=(3, 6)), each, each + noise, noise)
+        found = change_within_fit(shown, inverse, drift)
+        alone = [float(change_within_fit(Shown(*one), inverse, drift[0])) for one in zip(*shown, strict=True)]
+        np.testing.assert_allclose(found, alone, rtol=1e-12)
+        assert (found > 0.0).all()
+    without = rng.normal(size=5)
+    less = Shown(np.append(without, 0.0), *(each[1] for each in (unseen, unseen + noise, noise)))
+    seen = Shown(without, unseen[1, :5], *(each[1, :5, :5] for each in (unseen + noise, noise)))
+    expected = float(change_within_fit(seen, inverse))
+    np.testing.assert_allclose(float(change_within_fit(less, inverse)), expected, rtol=1e-12)
 
 
 def test_windows_grow_and_are_shorter_than_all_rows() -> None:

@@ -14,6 +14,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter, EvidenceAt, Prior
 from coheft.estimation.moments.fit import fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.likelihood import Derivatives
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.start import first_poses
@@ -144,7 +145,7 @@ def test_all_that_is_known_is_the_sum_of_rows_and_of_what_was_known(kind: str) -
     found = in_chapters(rows, settings, [100])
     prior, body = found.chapter.posterior(found.estimate, found.chapter.evaluation()), found.estimate.body
     assert found.chapter.prior is not None
-    expected = EvidenceAt(body).of(found.chapter.evaluation()(body)) + found.chapter.prior.at(body)
+    expected = EvidenceAt(Derivatives(body)).of(found.chapter.evaluation()(body)) + found.chapter.prior.at(body)
     for name, value in vars(expected).items():
         np.testing.assert_allclose(getattr(prior.evidence, name), value, rtol=1e-9, atol=1e-9 * np.abs(value).max())
     empty = Chapter(buffer_of(rows[:0], settings, 3), settings, prior)
@@ -294,7 +295,7 @@ def test_a_body_without_a_load_has_no_wrench_to_speak_of() -> None:
     found = fit(team.noisy(np.random.default_rng(19)))
     body = IDEAL.body(found.estimate.state.with_load(None))
     with pytest.raises(ValueError, match="fit one first"):
-        EvidenceAt(body).of(found.chapter.evaluation()(body))
+        EvidenceAt(Derivatives(body)).of(found.chapter.evaluation()(body))
 
 
 @EVERY
@@ -303,10 +304,10 @@ def test_noise_that_is_known_from_fewer_rows_is_that_of_all_rows(kind: str) -> N
     _, rows = erring(make_team(seed=22), settings, np.random.default_rng(23))
     found = fit(rows, settings)
     body, evaluation = found.estimate.body, found.chapter.evaluation
-    at_body = EvidenceAt(body)
+    at_body = EvidenceAt(Derivatives(body))
     for end in (20, None, 40):
         moments = evaluation(end=end)(body)
-        for name, value in vars(EvidenceAt(body).of(moments)).items():
+        for name, value in vars(EvidenceAt(Derivatives(body)).of(moments)).items():
             scale = np.abs(value).max()
             np.testing.assert_allclose(getattr(at_body.of(moments), name), value, rtol=1e-9, atol=1e-9 * scale)
 

@@ -10,12 +10,14 @@ from coheft.estimation.moments.body import FORCING, BodyModel, residual_covarian
 from coheft.estimation.moments.derivatives import WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.likelihood import (
+    Derivatives,
     MotionFactors,
+    information_on_theta,
     information_table,
     motion_evidence,
     wrench_evidence,
 )
-from coheft.estimation.moments.moments import RowMoments, evaluated_moments
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments, wrench_moments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
 from tests.estimation.moments.least_squares import STEP, jacobian_of_motion, jacobian_of_wrench, moved, wrench_residuals
@@ -211,6 +213,16 @@ def test_noise_of_regressors_may_be_given() -> None:
     again = wrench_evidence(body, WrenchDerivatives.at(body, factors.derivatives), seen.wrench, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_wrench.noise)
     np.testing.assert_array_equal(again.score, by_wrench.score)
+
+
+@CASES
+def test_information_on_theta_is_part_of_that_on_all_unknowns(count: int, errors: SensorErrors) -> None:
+    body, rows = case(count, errors)
+    moments = wrench_moments(body, RowMoments.of(rows))
+    whole, theta = evidence_of(body, RowMoments.of(rows))[1].information, body.unknowns.theta
+    found = information_on_theta(Derivatives(body), moments)
+    unit = np.sqrt(np.maximum(whole.diagonal(), 1e-9 * whole.diagonal().max()))
+    np.testing.assert_allclose(found / np.outer(unit, unit[theta]), (whole / np.outer(unit, unit))[:, theta], atol=1e-9)
 
 
 def test_the_table_makes_information_of_the_load() -> None:

@@ -9,10 +9,12 @@ import pytest
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.chapter import Chapter, EvidenceAt
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.likelihood import Derivatives
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments
 from coheft.estimation.moments.pose_steps import NewestRows, PoseStep, likeliest_pose_step
-from tests.estimation.moments.fitting import IDEAL, Fitted, add_rows, fit, fit_from
-from tests.estimation.moments.moving_team import Team, make_team
+from tests.estimation.moments.fitting import IDEAL, Fitted, add_rows, erring, fit, fit_from
+from tests.estimation.moments.moving_team import ERRORS, Team, make_team
 
 FALSE_ALARM = 1e-8
 
@@ -93,13 +95,25 @@ def test_few_rows_of_nothing_that_was_known_show_nothing() -> None:
     assert likeliest_pose_step(found.estimate, empty, 0, None, FALSE_ALARM) is None
 
 
-def test_evidence_of_newest_rows_is_that_of_a_fit_to_them_alone() -> None:
+@pytest.mark.parametrize("settings", [IDEAL, replace(IDEAL, errors=ERRORS)], ids=["exact", "with errors"])
+def test_what_newest_rows_show_is_what_a_fit_to_them_alone_would_see(settings: FitSettings) -> None:
     """Mean residuals of gyros and velocity sensors are those of all newest rows, not of parts of them."""
-    found = fit(make_team(2, number=60).noisy(np.random.default_rng(2)))
+    team = make_team(2, number=60)
+    rows = erring(team, settings, np.random.default_rng(2))[1]
+    found = fit(rows, settings)
     newest, body = NewestRows(found.estimate, found.chapter), found.estimate.body
+    found.chapter.buffer.begin_load(30)  # wrenches before are of another load
     for first in (57, 40, 20):
-        seen = newest.since(first)
-    moments = RowMoments.of(found.chapter.buffer.rows[20:60])
-    expected = EvidenceAt(body).of(evaluated_moments(body, moments, moments))
-    np.testing.assert_allclose(seen.score, expected.score, rtol=1e-6, atol=1e-6 * np.abs(expected.score).max())
-    np.testing.assert_allclose(seen.information, expected.information, atol=1e-9 * np.abs(expected.information).max())
+        shown = newest.since(first)
+    rows = found.chapter.buffer.rows
+    every, of_load = RowMoments.of(rows[20:60]), RowMoments.of(rows[30:60])
+    expected = EvidenceAt(Derivatives(body)).of(evaluated_moments(body, every, of_load))
+    for robot, pose in enumerate(body.unknowns.poses):
+        square = np.ix_(pose, pose)
+        for seen, whole in (
+            (shown.score, expected.score[pose]),
+            (shown.information, expected.information[pose]),
+            (shown.alone, (expected.information + expected.noise)[square]),
+            (shown.noise, expected.noise[square]),
+        ):
+            np.testing.assert_allclose(seen[robot], whole, rtol=1e-6, atol=1e-8 * np.abs(whole).max())

@@ -9,7 +9,7 @@ import pytest
 
 from coheft.estimation.moments.chapter import EvidenceAt
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.likelihood import MotionFactors
+from coheft.estimation.moments.likelihood import Derivatives
 from coheft.estimation.moments.sensor_errors import KINDS, SensorErrors
 from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, _Tests, undeclared_error
 from coheft.estimation.moments.unknowns import State
@@ -28,14 +28,14 @@ def test_parts_are_those_of_the_whole(errors: SensorErrors) -> None:
     found = fit(noisy_for(errors, team, np.random.default_rng(3)), settings)
     body = found.estimate.body
     moments = found.chapter.evaluation()(body)
-    tests = _Tests.of_robots(body, MotionFactors.at(body), KINDS_OF_ONE_ROBOT, moments)
+    tests = _Tests.of_robots(found.estimate.derivatives, KINDS_OF_ONE_ROBOT, moments)
 
     every = SensorErrors(dict.fromkeys((*KINDS_OF_ONE_ROBOT, *errors.names), 1.0))
     own, state = every.are(*errors.names), found.estimate.state
     eta = np.zeros((3, every.count))
     calibration = every.step(eta) if state.calibration is None else state.calibration
     whole = replace(settings, errors=every).body(State(state.poses, eta, calibration, state.gyros, state.load))
-    evidence, unknowns = EvidenceAt(whole).of(found.chapter.evaluation()(whole)), whole.unknowns
+    evidence, unknowns = EvidenceAt(Derivatives(whole)).of(found.chapter.evaluation()(whole)), whole.unknowns
     by_robot = np.hstack([unknowns.poses, unknowns.eta[:, own]])
     others = np.concatenate([by_robot.ravel(), np.arange(unknowns.gyros.start, unknowns.size)])
 
