@@ -71,8 +71,8 @@ class _Sensor(NamedTuple):
 
 
 class _Motion:
-    """Moments of the motion that robots with known poses measure, and of all rows; ``is_unknown`` (N,) says which are
-    not.
+    """Moments of the motion that robots with known poses measure, and of all rows; other robots are ``is_unknown``
+    (N,).
     """
 
     def __init__(self, moments: RowMoments, known: State, settings: FitSettings, is_unknown: Flags) -> None:
