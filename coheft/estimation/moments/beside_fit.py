@@ -59,6 +59,12 @@ class BesideFit:
         of_fit = noise_factors(self._body, self._of_fit.wrench, wrench_rows)[1]
         return self._with_motion(left.times(of_fit), self._alone(left, right), noise_grams(self._body, motion_rows))
 
+    def noise_alone(self, motion_rows: float, wrench_rows: float) -> Array:
+        """What that noise adds to the information of each group alone, shape (k / g, g, g)."""
+        by_wrench = self._alone(*noise_factors(self._body, self._wrench, wrench_rows))
+        left = self._motion.left(noise_grams(self._body, motion_rows))
+        return by_wrench + self._alone(left, self._motion.right)
+
     def _alone(self, left: Factor, right: Factor) -> Array:
         return left.groups_times(right, self._group)
 

@@ -60,7 +60,7 @@ class NewestRows:
         of_fit, poses = estimate.derivatives, body.unknowns.poses
         by_poses = of_fit.motion.derivatives.by_poses(poses), of_fit.wrench.by_poses(poses)
         self._poses = BesideFit(of_fit, *by_poses, POSE_SIZE)
-        self._noise = self._poses.noise(1.0, 0.0)[1], self._poses.noise(0.0, 1.0)[1]  # in one row, (N, 6, 6) each
+        self._noise = self._poses.noise_alone(1.0, 0.0), self._poses.noise_alone(0.0, 1.0)  # in one row, (N, 6, 6) each
         nothing = ProjectedMoments.of(buffer.rows[:0], body)
         self._moments = {buffer.count: (nothing, nothing)}  # of all rows since an index, and of wrenches
 
