@@ -4,7 +4,8 @@ Read in this order: ``rows`` (samples become rows), ``sensor_errors`` and ``unkn
 (motion and total wrench from rows), ``moments`` and ``row_buffer`` (what is stored of rows), ``derivatives`` and
 ``likelihood`` (score and information from moments), ``evidence`` (a quadratic log likelihood with the noise of its
 regressors), ``fit_settings``, ``start`` and ``fit`` (maximum likelihood), ``chapter`` (priors across changes),
-``change`` (has the load changed?), ``pose_steps`` (or a pose?), ``misfit`` and ``hidden_poses`` (do rows fit?),
+``change`` and ``change_at_fit`` (has the load changed?), ``beside_fit`` (what rows show of some unknowns alone),
+``pose_steps`` (has a pose changed?), ``misfit`` and ``hidden_poses`` (do rows fit?),
 ``misread`` (would they, if one robot's wrenches were read otherwise?), ``suspects`` (what has changed?), ``widening``
 (do tolerances prove too small?), ``undeclared`` (are there errors that no tolerance allows for?), ``claims`` (what may
 be published), ``recorded`` (all of this for a recording).
