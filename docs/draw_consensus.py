@@ -31,6 +31,8 @@ _NAMES = [f"r{k:02d}" for k in range(_AGENTS)]
 _GRAPHS = {kind: build_graph(Graph(kind=kind, seed=2), _NAMES) for kind in ("ring", "line", "grid", "random")}
 _BLOCKS_PER_SWING = 100
 """Period of oscillating inputs, each with its own phase."""
+_BLOCKS = 600
+"""Length of a run with them: of what it starts with, less than rounding is left for the last two periods."""
 _SMALLEST = 1e-17
 
 
@@ -93,8 +95,8 @@ def _draw_lag(axes: Axes, kind: str, graph: Neighbours, colour: str) -> None:
     tried = (4, 8, 16, 32)
     lags, bounds = [], []
     for rounds in tried:
-        found = _run(graph, rounds, inputs, 1200)[-2 * _BLOCKS_PER_SWING :]
-        blocks = range(1200 - rounds - len(found), 1200 - rounds)
+        found = _run(graph, rounds, inputs, _BLOCKS)[-2 * _BLOCKS_PER_SWING :]
+        blocks = range(_BLOCKS - rounds - len(found), _BLOCKS - rounds)
         truth = np.array([inputs(block).mean() for block in blocks])
         lags.append(np.linalg.norm(found - truth[:, None], axis=1).max() / _AGENTS**0.5)
         moved = np.array([inputs(block + rounds) - inputs(block) for block in range(_BLOCKS_PER_SWING)])
