@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
-from scipy import stats
+from scipy.special import chdtri, ndtri
 
 from coheft.errors import SimulationError
 from coheft.estimation.geometry.spatial import Array
@@ -33,17 +33,17 @@ def noise(count: int, name: str = "ring3", **keys: int) -> Array:
 def test_noise_has_its_standard_deviation_and_no_mean():
     count = 4000
     drawn = noise(count, block=20)
-    low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], count) / count
+    low, high = chdtri(count, [1 - UNLIKELY / 2, UNLIKELY / 2]) / count
     variance = np.square(drawn).mean(axis=1)
     assert low < variance.min()
     assert variance.max() < high
-    assert np.abs(drawn.mean(axis=1)).max() < stats.norm.isf(UNLIKELY / 2) / np.sqrt(count)
+    assert np.abs(drawn.mean(axis=1)).max() < -ndtri(UNLIKELY / 2) / np.sqrt(count)
 
 
 def test_noise_is_white_and_independent_of_axis_and_robot():
     count = 4000
     columns = noise(count, block=20).swapaxes(0, 1).reshape(count, -1)
-    bound = stats.norm.isf(UNLIKELY / 2) / np.sqrt(count)
+    bound = -ndtri(UNLIKELY / 2) / np.sqrt(count)
     between = columns.T @ columns / count
     assert np.abs(between - np.diag(np.diag(between))).max() < bound
     lagged = columns[1:].T @ columns[:-1] / count
@@ -117,10 +117,10 @@ def test_errors_are_constant_as_large_as_told_and_each_robots_own():
     assert not offsets[..., 3:6].any()
     for drawn, told in ((offsets[:, 0, :3], 0.01), (offsets[:, 0, 6:9], 0.1), (offsets[:, 0, 9:12], 2.0)):
         assert len(np.unique(drawn.round(9))) == drawn.size
-        low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], drawn.size)
+        low, high = chdtri(drawn.size, [1 - UNLIKELY / 2, UNLIKELY / 2])
         assert low < np.square(drawn / told).sum() < high
     for drawn, told in ((of_axes[:, 0], 0.02), (of_axes[:, 3], 0.01)):
-        low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], drawn.size)
+        low, high = chdtri(drawn.size, [1 - UNLIKELY / 2, UNLIKELY / 2])
         assert low < np.square(drawn / told).sum() < high
 
 
@@ -145,7 +145,7 @@ def test_errors_that_are_proportional_are_as_large_as_told(sensor: str, shape: s
     ]
     told = SensorTolerance(**{key: size}).of(sensor, shape)
     drawn = np.array([[np.vdot(matrix, each) / np.vdot(matrix, matrix) for matrix in SHAPES[shape]] for each in found])
-    low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], drawn.size)
+    low, high = chdtri(drawn.size, [1 - UNLIKELY / 2, UNLIKELY / 2])
     assert low < np.square(drawn / told).sum() < high
     rest = found - np.tensordot(drawn, SHAPES[shape], axes=1)
     assert np.abs(rest).max() < 20.0 * told**2
@@ -160,7 +160,7 @@ def test_late_sensors_read_what_there_was(rate: int):
     assert late.min() == 0.0
     spread = late - late.mean(axis=0)
     for drawn, size in ((spread[:, 0], told.clock), (late[:, 1] - late[:, 0], told.wrench_delay)):
-        low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], 11)
+        low, high = chdtri(11, [1 - UNLIKELY / 2, UNLIKELY / 2])
         assert low < np.square((drawn - drawn.mean()) / size).sum() < high
     times = np.arange(200) / rate
     for robot in range(12):
@@ -270,7 +270,7 @@ def test_compliance_is_drawn_with_its_deviation_and_changes_no_other_error():
     for name, value in vars(one).items():
         if name != "compliances":
             np.testing.assert_array_equal(getattr(other, name), value)
-    low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], 24)
+    low, high = chdtri(24, [1 - UNLIKELY / 2, UNLIKELY / 2])
     assert low < np.square(other.compliances / 1e-4).sum() < high
     assert not one.compliances.any()
 

@@ -18,8 +18,8 @@ GIVES = 6e-5
 """Compliance [m/N]."""
 
 
-def scenario(told: float, duration: float, name: str = "ring3", *, changes: bool = False) -> Scenario:
-    shipped = load_scenario(name)
+def scenario(told: float, duration: float, *, changes: bool = False) -> Scenario:
+    shipped = load_scenario("ring3")
     sensors = msgspec.structs.replace(
         shipped.sensors,
         tolerance=SensorTolerance(grasp_compliance=told),
@@ -52,7 +52,7 @@ def test_robots_that_are_told_of_it_are_right_and_others_are_not() -> None:
 @pytest.mark.slow
 def test_a_load_change_is_noticed_once_and_named_no_fault() -> None:
     last = dict[str, Estimate]()
-    for said, is_right in estimates(scenario(GIVES, 9.0, "ring6", changes=True)):
+    for said, is_right in estimates(scenario(GIVES, 9.0, changes=True)):
         last[said.robot] = said
         assert is_right or said.time < 3.0 or 6.0 < said.time < 6.7
         assert not any("contradict" in reason for reason in said.reasons)

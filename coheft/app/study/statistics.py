@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from coheft.estimation.geometry.spatial import Array
 
@@ -68,5 +68,5 @@ def normalised_square(
     squares = [float(e @ np.linalg.solve(c, e)) for e, c in known]
     size = len(known) * len(known[0][0])
     freedom = size / alike
-    low, high = (float(chi2.ppf(tail, freedom)) / freedom for tail in (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence))
+    low, high = (float(chdtri(freedom, above)) / freedom for above in (0.5 + 0.5 * confidence, 0.5 - 0.5 * confidence))
     return Interval(sum(squares) / size, low, high)
