@@ -163,7 +163,7 @@ def test_what_fits_with_another_meaning_is_told(
 @pytest.mark.slow
 def test_where_no_meaning_fits_it_is_said_what_to_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The hand is said to be 10 cm beside where it is, which is no common mistake."""
-    path = write_csv(tmp_path / "cart.csv", without_plan(8.0))
+    path = write_csv(tmp_path / "cart.csv", without_plan(5.0))
     hand = ["--hand", str(HAND[0]), str(HAND[1] - 0.1)]
     assert run_command_line(["cart", "identify", str(path), *hand]) == EXIT_NOT_CONVERGED
     out = " ".join(capsys.readouterr().out.split())

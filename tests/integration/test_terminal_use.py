@@ -109,7 +109,7 @@ def test_a_run_for_programs_writes_json_alone_to_standard_output_and_a_page_besi
     pytest.importorskip("jinja2")
     folder = tmp_path / "report"
     done = subprocess.run(
-        [*COHEFT, "run", "ring3", "--duration", "5", "--json", "-", "--report", str(folder)],
+        [*COHEFT, "run", "ring3", "--duration", "3", "--json", "-", "--report", str(folder)],
         capture_output=True,
         text=True,
         timeout=LIMIT,

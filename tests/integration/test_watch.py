@@ -60,7 +60,7 @@ def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
 
 def test_who_sleeps_while_a_run_ends_learns_that_it_was_not_aborted(start: Callable[..., Run]) -> None:
     """It misses the last words of the server, as a process on a busy machine may: its link is cut after a second."""
-    run = start("--duration", "10000", "--quiet")
+    run = start("--realtime", "--duration", "10000", "--quiet")
     wait_until(lambda: run.ask("resume")[0] == 0, "the server to answer")
     with watching(run) as (watcher, lines):
         watcher.send_signal(signal.SIGSTOP)
@@ -114,7 +114,7 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(
 
 @pytest.mark.parametrize("how", ["the run is told to end", "the server is killed"])
 def test_who_watches_a_run_that_breaks_off_is_told_so(how: str, start: Callable[..., Run]) -> None:
-    run = start("--duration", "10000")
+    run = start("--realtime", "--duration", "10000")
     run.wait_until_under_way()
     with watching(run) as (watcher, lines):
         if how == "the run is told to end":
