@@ -35,6 +35,12 @@ def test_another_unit_is_named(who: str | None, both: Recording) -> None:
         plausible_signals(turns, CUTOFF)
 
 
+def test_the_opposite_sign_is_no_other_unit(both: Recording) -> None:
+    opposite = both.changed("twist", lambda twist: twist * np.repeat([-1.0, 1.0], 3), "r2")
+    with pytest.raises(RecordingError, match="'twist' of r2: angular velocities have the opposite sign of those of"):
+        plausible_signals(opposite, CUTOFF)
+
+
 def test_times_in_another_unit_than_twists_are_named(both: Recording) -> None:
     robots = {name: replace(robot, time=2.0 * robot.time) for name, robot in both.robots.items()}
     with pytest.raises(RecordingError, match=r"times those of the poses: .* times in seconds"):

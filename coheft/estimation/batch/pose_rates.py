@@ -37,6 +37,11 @@ def _fault(given: Array, expected: Array, in_home: Array) -> str:
         return ""
     factor = float(np.sum(given * expected)) / size**2
     if np.linalg.norm(given - factor * expected) < _EXPLAINED * np.linalg.norm(given):
+        if factor < 0.0:
+            return (
+                "angular velocities have the opposite sign of those of the poses: change it; or, if it is right, the "
+                "poses are those of the home frame in the grasp frame: invert them"
+            )
         return (
             f"angular velocities are {factor:.4g} times those of the poses: give angular velocities in rad/s, and "
             f"times in seconds"
