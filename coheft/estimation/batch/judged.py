@@ -128,7 +128,8 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
         possible = "" if cause in MENDABLE else f"; it can be any of: {', '.join(MENDABLE)}"
         raise RecordingError(f"--assume {cause}: that does not explain the recording{possible}. {verdict.words}")
     if verdict.is_open:
-        raise RecordingError(f"--assume {cause}: nothing says whose readings to correct, so do it. {verdict.words}")
+        unclear = "nothing says whose readings to correct, or how, so do it"
+        raise RecordingError(f"--assume {cause}: {unclear}. {verdict.words}")
     return verdict
 
 

@@ -56,8 +56,8 @@ class Verdict:
         second: The second likeliest fault.
         mass: Mass of the load with the fault estimated along, and its standard deviation [kg]; None if the fault
             cannot be estimated.
-        is_open: Whether two corrections are equally likely, so that none is made: either of two robots may be at fault,
-            or either all forces or all moments are in another unit.
+        is_open: Whether several corrections are equally likely, so that none is made: either of two robots may be at
+            fault, or either all forces or all moments are in another unit, or a motion that repeats itself is late.
         channels: Channels of the robot that are late, if the fault is a clock's.
         rivals: Others that are nearly as likely to have the fault: names of robots, or ``ALL``.
         gravity: Gravity in all home frames according to the forces, shape (N, 3) [m/s²], if its direction is the fault.
