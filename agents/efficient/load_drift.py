@@ -45,8 +45,12 @@ class LoadChange(NamedTuple):
 
 
 class LoadDrift(NamedTuple):
-    """The drift of a load, whose mass has changed by ``step`` [kg] in so many rows, from the row of number ``first``
-    on.
+    """The drift of a load.
+
+    Attributes:
+        step: Change of the mass from one load to the next [kg].
+        rows: Number of rows in which it has changed so.
+        first: Number of the first of these rows.
     """
 
     step: float

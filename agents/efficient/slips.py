@@ -40,8 +40,13 @@ _BEFORE, _STEP = 30, 8
 
 
 class Slip(NamedTuple):
-    """A slip of a robot's grasp before the row of number ``first``. At the row ``noticed`` a change of some kind was
-    noticed, and at the row ``named`` it was identified as this slip.
+    """A grasp that slipped.
+
+    Attributes:
+        robot: Index of the robot.
+        first: Number of the first row after the slip.
+        noticed: Number of the row at which a change of some kind was noticed.
+        named: Number of the row at which it was identified as this slip.
     """
 
     robot: int
@@ -82,12 +87,19 @@ class State(Enum):
 
 
 class Suspicion:
-    """A change whose cause is not known yet: what was known before, and all rows since, some from shortly before
-    included.
+    """A change whose cause is not known yet: what was known before, and all rows since.
 
-    Its first row is ``first``, as far as is known, and it was noticed at the row ``noticed``, after so many ``changes``
-    of the load. If it ``favours_change``, rows are likelier with a change that is only expected, of a grasp or of the
-    load.
+    Args:
+        before: What was known before.
+        rows: Rows since by their numbers, and some from shortly before.
+        first: Number of the first row after the change, as far as is known.
+        noticed: Number of the row at which it was noticed.
+        changes: Number of load changes before.
+        state: What is known of the change.
+
+    Attributes:
+        noticed, changes: As given.
+        favours_change: Whether rows are likelier with a change that is only expected, of a grasp or of the load.
     """
 
     def __init__(

@@ -30,12 +30,29 @@ _TIMES_SENT = 2
 
 
 class Team:
-    """One robot's view of its team from the block ``start`` on, from which all of its robots hold the load.
+    """One robot's view of its team.
 
-    Robots have an index each, by name, incarnation and first block. ``noticed`` are the blocks in which the load
-    changes of ``session`` were noticed; ``noticed_slips`` those in which each slip was noticed, and distinguished from
-    a load change. ``newest`` is the newest block of which a row was processed; the one before ``start`` if there is
-    none yet.
+    Args:
+        identities: Name, incarnation and first block of each robot.
+        membership: Number of the team.
+        graph: Neighbours of each robot.
+        start: First block in which all robots hold the load.
+        config: Configuration of this robot.
+        guards: Thresholds and times.
+        signer: Signs rows, None if rows are not signed.
+
+    Attributes:
+        indices: Index of each robot by its name, incarnation and first block.
+        names: Names of the robots.
+        own: Index of this robot.
+        times: Times of rows.
+        settings: Settings of fits.
+        exchange: Rows in transit.
+        session: Estimation from complete rows.
+        start: First block in which all robots hold the load.
+        noticed: Block in which each load change was noticed.
+        noticed_slips: Blocks in which each slip was noticed, and was distinguished from a load change.
+        newest: Newest block of which a row was processed; the one before ``start`` if there is none yet.
     """
 
     def __init__(

@@ -40,8 +40,11 @@ _GROWTH = 1.1
 
 
 class UnnoticedStep(NamedTuple):
-    """A step of the mass that may have occurred before the row of number ``first`` without having been noticed yet; the
-    estimate of the mass may be off by ``mass`` [kg].
+    """A step of the mass that may have occurred without having been noticed yet.
+
+    Attributes:
+        mass: By how much the estimate of the mass may be off [kg].
+        first: Number of the first row after the step.
     """
 
     mass: float = 0.0
@@ -86,8 +89,11 @@ def _wrong_share(estimate: Estimate, error_by_step: Array) -> float:
 
 
 class Unnoticed(NamedTuple):
-    """Changes of the load that the covariance of an estimate has to cover: a step of the mass, and a drift if there is
-    one.
+    """Changes of the load that the covariance of an estimate has to cover.
+
+    Attributes:
+        step: The step of the mass that may have occurred.
+        drift: The drift of the load, None if it does not drift.
     """
 
     step: UnnoticedStep = NO_STEP
